@@ -37,8 +37,8 @@ def import_on_use(
 
     Returns:
         Two functions. The first takes an exported name, imports the module that defines it, and
-        returns its object. It raises AttributeError for other names. The second lists the names of
-        the package, those included that have not been imported yet.
+        returns its object. It raises AttributeError for other names. The second lists all names of
+        the package, imported or not.
     """
 
     def get_export(name: str) -> Any:
@@ -52,7 +52,7 @@ def import_on_use(
         return getattr(importlib.import_module(modules[name]), name)
 
     def list_names() -> list[str]:
-        """List the names of the package: those it has, and those it exports."""
+        """List all names of the package, imported or not."""
         return sorted({*vars(sys.modules[package]), *modules})
 
     return get_export, list_names

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class HandOverOutcome(StrEnum):
-    """Result of a plan that was sent to the arm."""
+    """Fate of a plan that was sent to the arm."""
 
     APPLIED = "applied"
     """The arm follows the plan."""
@@ -23,18 +23,17 @@ class HandOverReason(StrEnum):
     NONE = ""
     """The plan was applied."""
     LATE = "late"
-    """At its stamp the plan was on the reference, but the reference has left the common part since.
-    """
+    """The plan met the reference at its stamp, but the arm has since passed their common part."""
     JUMP = "jump"
-    """Already at its stamp, the plan was not on the reference."""
+    """The plan did not meet the reference at its stamp."""
     STAMP = "stamp"
-    """The stamp is not newer than that of the plan before, or far ahead of the arm's time."""
+    """The stamp is not newer than the previous plan's, or is far ahead of the arm's time."""
     INVALID = "invalid"
     """The plan cannot be read or followed."""
     INCOMPLETE = "incomplete"
-    """The other half, trajectory or modes, did not arrive."""
+    """Only one of both parts arrived: the trajectory or the modes."""
     NEWER = "newer"
-    """A newer plan came before this one could be applied."""
+    """A newer plan came before this plan could be applied."""
     STOPPED = "stopped"
     """The arm was stopped after the plan had been made."""
     RESET = "reset"
@@ -88,7 +87,7 @@ class SimulatorReport:
         machine: Name of the arm's machine file; empty if it is not reported.
         machine_hash: `Machine.planning_hash` of that file; empty if it is not reported.
         faults: Number of callbacks of the node that have failed since the start.
-        last_fault: Sentence of the last of these failures; empty if there was none.
+        last_fault: Sentence of the last failed callback; empty if there was none.
     """
 
     sentence: str
@@ -110,7 +109,7 @@ class SimulatorReport:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A quantity that an arm has estimated of itself.
+    """Estimate of a quantity of the arm, made by its servo.
 
     Attributes:
         quantity: payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine
@@ -118,7 +117,7 @@ class Estimate:
         actuator: Name of the actuator; empty if the quantity concerns the whole arm.
         value: Estimated value, in the unit given above.
         deviation: Standard deviation of the value.
-        known: Whether the motion so far was enough to estimate it.
+        known: Whether the motion so far was enough to estimate the quantity.
     """
 
     quantity: str

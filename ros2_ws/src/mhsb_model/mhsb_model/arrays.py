@@ -75,19 +75,19 @@ class MachineArrays(NamedTuple):
     boost_margin: float
     """Pressure kept in reserve beyond load pressure and valve drop [Pa]."""
     main_pump_flow: float
-    """Largest flow of the main pump Q_MP [m³/s]."""
+    """Largest flow Q_MP of the main pump [m³/s]."""
     servo_pump_flow: float
-    """Largest flow of one servo pump Q_SP [m³/s]."""
+    """Largest flow Q_SP of one servo pump [m³/s]."""
     servo_pump_efficiency: float
-    """Hydraulic power out of a servo pump over power into it, slip apart [-]."""
+    """Efficiency of a servo pump without slip: hydraulic power divided by shaft power [-]."""
     servo_pump_slip: float
-    """Slip of a servo pump per pressure rise c [m³/(s Pa)]."""
+    """Slip c of a servo pump per pressure rise [m³/(s Pa)]."""
     valve_coefficient: FloatArray
     """Flow coefficient K of one metering edge of each valve, Q = K √Δp, shape (n,) [m³/(s √Pa)]."""
     leakage_flow: float
-    """Leakage of one closed valve, with its overlap, at the main pump's pressure q_leak [m³/s]."""
+    """Leakage q_leak of one closed valve, with its overlap, at the main pump's pressure [m³/s]."""
     land_leakage: float
-    """Share of that leakage which flows over the lands of the spool [-]."""
+    """Share of `leakage_flow` that flows past the lands of the spool [-]."""
     external_leakage: float
     """Total leakage, at the main pump's pressure, of valves that do not belong to the n joints
     [m³/s]."""
@@ -100,13 +100,13 @@ class MachineArrays(NamedTuple):
 
 
 def collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
-    """Return one value for each actuator.
+    """Collect one quantity of all actuators from a machine file.
 
-    An actuator that has no value of its own in the file gets the value common to all.
+    An actuator without a value of its own gets the common value.
 
     Args:
         config: Content of the machine file.
-        name: Key in section `actuator` of a joint, one of those in `COMMON_PATHS`.
+        name: Name of the quantity, a key of `COMMON_PATHS`.
 
     Returns:
         Values in SI units, shape (n,).
@@ -144,8 +144,9 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
 
     If joint 1 slews, its link is the platform. The platform has length, mass and inertia 0 in the
     plane. Each actuator's V_max is the smallest of its own limit, the common limit, and K √Δp_k /
-    A. The last is the speed at full opening with pressure compensators. K is the valve coefficient,
-    Δp_k the compensators' pressure drop (inf without compensators) and A the cap-side area.
+    A. The third is the speed at full opening with pressure compensators. K is the valve
+    coefficient, Δp_k the compensators' pressure drop (inf without compensators) and A the cap-side
+    area.
 
     Args:
         config: Content of the machine file.

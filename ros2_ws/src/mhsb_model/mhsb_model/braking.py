@@ -1,7 +1,8 @@
 """Braking: motions that come to rest smoothly.
 
-There are two methods, along a known path and from a state alone. Both are continuous up to the
-acceleration. They are used for a planned stop and for a new plan whose start must reverse.
+There are two methods: braking along a known path, and braking from a state without a path. Both are
+continuous up to the acceleration. Braking is used for a planned stop, and for a new plan that must
+first reverse the present motion.
 """
 
 from __future__ import annotations
@@ -25,8 +26,7 @@ MIN_BRAKING_NS = 60_000_000
 """Shortest duration of a braking motion [ns]."""
 
 MIN_POINT_SPACING_NS = 1_000_000
-"""Shortest time between two points [ns]. For less, the quintic between them is numerically
-useless."""
+"""Shortest time between two points [ns]. The quintic of a shorter piece is numerically useless."""
 
 
 def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Trajectory:
@@ -44,8 +44,8 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
 
     - If velocity and acceleration of Q are 0 at `at_ns`, the result stands still.
     - If less than `MIN_POINT_SPACING_NS` is left of Q, each joint brakes on its own (`brake_from`).
-    - If more is left of Q, but at most T, the arm does not brake: the result is the rest of Q, with
-      the velocity 0 at its last point.
+    - If Q lasts longer than that, but at most for T, the arm does not brake: the result is the rest
+      of Q, with the velocity 0 at its last point.
 
     Args:
         machine: The machine, for the moment arms of its cylinders.

@@ -11,14 +11,14 @@ from mhsb_model.trajectory import Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray
 
 MAX_HAND_OVER_JUMP = 1e-6
-"""Largest jump of the reference when a new command replaces another, as rounding causes it, in
+"""Largest jump of the reference that rounding may cause when a new command replaces another, in
 position [rad or m] and velocity [rad/s or m/s].
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A trajectory and the mode schedule that belongs to it, with one stamp."""
+    """A trajectory and its mode schedule, with a common stamp."""
 
     trajectory: Trajectory
     """Motion of the joints."""

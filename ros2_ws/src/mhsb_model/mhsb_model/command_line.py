@@ -1,9 +1,9 @@
 """Frame in which every command of the suite runs: arguments, errors and exit codes.
 
 A command is a function, or a dataclass with a method `run`. Its parameters, their types and their
-documentation define the command line. A parameter that is a dataclass is a group of options, which
-have the names of its fields. Errors that the user can cause are printed as one sentence on
-standard error:
+documentation define the command line. A parameter that is a dataclass is a group of options with
+the names of its fields. An error that the user can cause is printed as one sentence on standard
+error. The exit codes are:
 
     exit code  0    success (or the code that the command returns)
                1    the command failed, or a given file cannot be used
@@ -117,7 +117,7 @@ OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 """File, or None."""
 
 JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
-"""Option `--json` of a parameter that is not named `json`, since that is a module."""
+"""Option `--json` of a parameter with another name, since `json` is the name of a module."""
 
 
 class CommandArguments(Protocol):
@@ -217,15 +217,14 @@ def _drop_output() -> None:
 def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
     """Remove the arguments that are meant for ROS.
 
-    They begin with `--ros-args` and end with the next `--`, or at the end of the command line. Both
-    markers are removed too.
+    These arguments begin with `--ros-args` and end with the next `--`, or at the end of the command
+    line. Both markers are removed too. The command line may contain several such parts.
 
     Args:
         arguments: Words of the command line.
 
     Returns:
-        The remaining words in their order, in a new list. If there are several such parts, all are
-        removed.
+        The remaining words in their order, in a new list.
     """
     own = []
     inside = False
@@ -242,7 +241,7 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 def _print_failure(name: str, error: MhsbError | str, code: int) -> int:
     """Print a command's name and one sentence on standard error.
 
-    Several problems of a machine file are printed with a line for each.
+    If a machine file has several problems, each gets a line.
 
     Args:
         name: Name of the command.
@@ -457,8 +456,8 @@ def _list_options(target: Callable[..., Any]) -> list[str]:
 def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> str:
     """Return a sentence that says which values an argument takes and what was given instead.
 
-    The given value is the words after the argument's flag on the command line. If there are none,
-    it is the first list of words in tyro's message, or else the last word in quotes there.
+    The words after the argument's flag on the command line are the given value. If there are none,
+    it is the first list of words in tyro's message, or else the last quoted word of the message.
 
     Args:
         argument: The argument, as tyro describes it.
@@ -500,8 +499,7 @@ def _describe_values(argument: Any) -> str:
         argument: The argument, as tyro describes it.
 
     Returns:
-        For instance "NUMBER (duration [s])". Without parentheses if the argument has no
-        description.
+        For instance "NUMBER (duration [s])"; only "NUMBER" if the argument has no description.
     """
     metavar = str(argument.lowered.metavar).strip("{}")
     text = argument.field.helptext
@@ -540,9 +538,9 @@ def _make_arguments_rule(
 ) -> tyro.constructors.StructConstructorSpec | None:
     """Tell tyro how to make arguments from a function's parameters or a dataclass's fields.
 
-    The help shows the range of each argument's numbers, and a number outside of it is refused. A
-    function is not called, only bound to its arguments. So errors that the command raises later
-    cannot be mistaken for parsing errors.
+    The help shows the range of each argument's numbers; numbers outside the range are refused. A
+    function is only bound to its arguments here, and called later. So its errors cannot be mistaken
+    for parsing errors.
 
     Args:
         kind: A command, or the type of an argument. A dataclass becomes a group of options.

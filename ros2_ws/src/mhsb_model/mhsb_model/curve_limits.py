@@ -10,12 +10,13 @@ limits follow from pressures and valves:
   directions.
 - r_j: longest moment arm of the joint within its limits [m]; 1 if it slides.
 - M_j: smallest inertia M_jj(q) about the joint while all others are held [kg m²], or [kg] if it
-  slides. It is taken with the file's payload, over the postures whose tip is in the workspace.
+  slides. It includes the file's payload, and is the minimum over postures with the tip in the
+  workspace.
 - t_s: time in which the spool of a valve settles within 5 % [s]; ω is its natural frequency
   [rad/s], ζ its damping ratio.
 
-So a_j is the acceleration of the joint by the whole supply pressure without load, in the most
-favourable posture. The jerk limit j_j lets this acceleration build up while a valve opens.
+So a_j is the acceleration of the unloaded joint by the full supply pressure in the most favourable
+posture. The jerk limit j_j lets this acceleration build up while a valve opens.
 
 Source: force balance of a cylinder and M(q) q̈ = τ; settling time of a second-order system, Ogata,
 Modern Control Engineering, Section 5.3.
@@ -38,17 +39,19 @@ from mhsb_model.statics import mass_matrix
 from mhsb_model.types import FloatArray, frozen
 
 MAX_INERTIA_POSTURES = 2000
-"""Largest number of postures for which inertias are evaluated, unless the corners of the joint
-ranges are more. With ten times as many, the smallest inertias of the suite's machines change by at
-most 5 %. The evaluation takes 2 ms."""
+"""Largest number of postures for which inertias are evaluated. The corners of the joint ranges are
+always evaluated, even if there are more of them. With ten times as many, the smallest inertias of
+the suite's machines change by at most 5 %. The evaluation takes 2 ms.
+"""
 
 SETTLING_TIME = 3.0
 """Value of ζ ω t at which a second-order system has settled within 5 % [-]."""
 
 PLANNED_SHARE = 0.9
 """Share of acceleration and jerk limits that plans use [-]. A braking command is the plan's curve,
-slowed and sampled again. It needs up to a few percent more than the plan at jumps of the plan's
-jerk."""
+slowed and sampled again. If the jerk of the plan jumps, the braking command exceeds the plan's
+values by up to a few percent.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +81,8 @@ class CurveLimits:
     def for_planning(self) -> CurveLimits:
         """Limits for planners, a little tighter than the limits up to which an arm accepts plans.
 
-        Acceleration and jerk are `PLANNED_SHARE` of this object's, and the speed is the same.
-        `lower` and `upper` are −inf and inf, since planners check positions themselves.
+        Acceleration and jerk are `PLANNED_SHARE` times the values of this object; the speed is the
+        same. `lower` and `upper` are −inf and inf, since planners check positions themselves.
         """
         everywhere = np.full(len(self.speed), math.inf)
         return replace(

@@ -41,7 +41,7 @@ def _restored(
 def suggest_name(name: str, known_names: Iterable[str]) -> str:
     """Return "; did you mean NAME?" with the most similar known name; empty if none is similar.
 
-    The dashes of options do not count: they would make short options similar to each other.
+    The dashes of options are ignored, since they would make all short options similar.
 
     Args:
         name: Name that is not known.
@@ -63,10 +63,10 @@ class MachineFileError(MhsbError):
     """A machine file cannot be used.
 
     Attributes:
-        kind: Kind of file, with which the message begins.
+        kind: Kind of file, such as "machine file"; the message begins with it.
         source: Name of the file.
-        problems: Everything that is wrong, each as `path: sentence`. The error message lists the
-            first `MAX_LISTED_PROBLEMS`.
+        problems: All problems, each as `path: sentence`. The error message lists the first
+            `MAX_LISTED_PROBLEMS`.
     """
 
     kind = "machine file"
@@ -76,17 +76,16 @@ class MachineFileError(MhsbError):
 
         Args:
             source: Name of the file.
-            problems: Everything that is wrong, each as `path: sentence` with the path of the value
-                in the file, such as `joints.0.link.mass`. All are stored in the attribute
-                `problems`. The message lists the first `MAX_LISTED_PROBLEMS` and the number of the
-                others.
+            problems: All problems, each as `path: sentence` with the path of the value in the file,
+                such as `joints.0.link.mass`. All are stored in the attribute `problems`. The
+                message lists the first `MAX_LISTED_PROBLEMS` and the number of the others.
         """
         self.source = source
         self.problems = tuple(problems)
         super().__init__(f"{self.kind} {source}: " + "; ".join(self._list_problems()))
 
     def format_lines(self) -> list[str]:
-        """Format the message: one line for a single problem, else a title and a line for each."""
+        """Format the message: one line for one problem, else a title and one line per problem."""
         listed = self._list_problems()
         if len(listed) == 1:
             return [str(self)]
@@ -131,9 +130,10 @@ OTHER_UNITS = {
     "s": (("ms", 1e-3),),
     "-": (("%", 1e-2),),
 }
-"""Units that are mistaken for an SI unit, by that unit, each with its factor to SI.
+"""For each SI unit: other units that users may mean, each with its factor to the SI unit.
 
-The unit "-" is that of a share."""
+The unit "-" stands for a share.
+"""
 
 
 def suggest_unit(
@@ -141,8 +141,8 @@ def suggest_unit(
 ) -> str:
     """Suggest another unit for values that are out of range, such as degrees instead of radians.
 
-    Each unit of OTHER_UNITS is tried. It is suggested if the values, read in that unit, are
-    admissible.
+    Each unit of OTHER_UNITS is tried. It is suggested if the values are admissible when read in
+    this unit.
 
     Args:
         values: One or several values as the user gave them, taken to be in `unit`.
@@ -185,6 +185,6 @@ def suggest_unit_of_number(value: float, unit: str, low: float, high: float) -> 
 
 
 def _format_values(values: Sequence[float]) -> str:
-    """Return numbers with four significant digits, several ones in parentheses with commas."""
+    """Format numbers with four significant digits; several numbers stand in parentheses."""
     words = ", ".join(f"{value:.4g}" for value in values)
     return words if len(values) == 1 else f"({words})"

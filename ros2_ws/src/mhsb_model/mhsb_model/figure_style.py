@@ -1,7 +1,7 @@
 """Style of all figures: size, colours, thinning of lines, and writing to files.
 
 matplotlib is imported only when a figure is made, since the import takes time. Figures are made
-without pyplot, since there is neither a screen nor global state.
+without pyplot, which would need a screen and keep global state.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ TEAL, BROWN = "#44AA99", "#8C510A"
 MODE_COLOR = {Mode.N: PALE, Mode.DB: SKY, Mode.SB: ORANGE}
 """Colour of bands and bars for each mode."""
 PATH_COLOR = {Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}
-"""Colour of lines and dots for each mode. Where modes are drawn, nothing else has these colours."""
+"""Colour of lines and dots for each mode. In figures with modes, nothing else has these colours."""
 
 JOINT_COLORS = (BLACK, GREEN, PURPLE, BROWN, GREY)
 """Colours of the joints or actuators; none of them stands for a boosted mode."""
@@ -113,9 +113,9 @@ def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Itera
 
 
 def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:
-    """Draw a line; if it has many points, draw only those that keep its peaks.
+    """Draw a line; if it has many points, draw only the points that preserve its peaks.
 
-    `choose_extreme_points` chooses them for lines of more than MAX_LINE_POINTS points.
+    A line of more than MAX_LINE_POINTS points is thinned by `choose_extreme_points`.
 
     Args:
         axes: Axes to draw on.

@@ -65,7 +65,7 @@ class Goal:
     def is_at_same_position(self, other: Goal) -> bool:
         """Return whether two goals are within 0.1 mm of each other along each axis.
 
-        A plan to one of them then leads to the other, too.
+        A plan to one of these goals then also reaches the other.
 
         Raises:
             ValueError: Only one of the goals has a y.

@@ -1,7 +1,7 @@
 """Holding modes: the modes in which an arm stays at rest.
 
-An actuator holds in mode N if P_S carries its load, otherwise in DB. The servo can then compensate
-leakage, and no load sags.
+An actuator holds in mode N if the main pump's pressure P_S carries its load, otherwise in DB. In
+these modes the servo can compensate leakage, so no load sags.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ The piston force F = p_A A − p_B a [N] is positive if the load resists extensi
 [m/s] are positive in extension. K [m³/(s √Pa)] is the flow coefficient of one metering edge of the
 valve, Q = K √Δp.
 
-Source: paper, Section 2.1, with the asymmetric cylinder worked out.
+Source: paper, Section 2.1, extended to the unequal areas of the cylinder.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def load_pressure(cap: float, rod: float, tank: float, force: float, direction: 
         p_L = (F + a p_T) / A     extending
         p_L = (−F + A p_T) / a    retracting
 
-    The valve is taken to have no pressure drop, and the return side tank pressure.
+    At rest the valve has no pressure drop, and the return side has tank pressure.
 
     Args:
         cap: Cap-side area A [m²].
@@ -199,8 +199,8 @@ def cavitates(
 ) -> np.ndarray:
     """Return whether an overrunning load empties the inlet chamber of a cylinder.
 
-    The valve is a matched one: its two metering edges have the same K. The inlet chamber then
-    empties at any speed if
+    The valve is matched: its two metering edges have the same K. The inlet chamber then empties at
+    any speed if
 
         F < −a³ p_S / A² − a p_T     extending
         F > A³ p_S / a² + A p_T      retracting
@@ -230,7 +230,7 @@ def inlet_area(cap: float, rod: float, direction: float) -> float:
     Args:
         cap: Cap-side area A [m²].
         rod: Rod-side area a [m²].
-        direction: The area is A if it is > 0 (extending), otherwise a.
+        direction: Direction of motion: > 0 extends (result A), otherwise retracts (result a).
     """
     return cap if direction > 0.0 else rod
 
@@ -238,7 +238,7 @@ def inlet_area(cap: float, rod: float, direction: float) -> float:
 class SharedHydraulics(NamedTuple):
     """Pressures and flows that all actuators of a machine share.
 
-    It has only scalars. Kernels pass them on at no cost, in contrast to arrays.
+    All fields are scalars. Unlike arrays, kernels pass them on at no cost.
     """
 
     supply_pressure: float
@@ -250,15 +250,15 @@ class SharedHydraulics(NamedTuple):
     boost_margin: float
     """Pressure kept in reserve beyond load pressure and valve drop [Pa]."""
     main_pump_flow: float
-    """Largest flow of the main pump Q_MP [m³/s]."""
+    """Largest flow Q_MP of the main pump [m³/s]."""
     servo_pump_flow: float
-    """Largest flow of one servo pump Q_SP [m³/s]."""
+    """Largest flow Q_SP of one servo pump [m³/s]."""
     servo_pump_slip: float
-    """Slip of one servo pump per pressure rise c [m³/(s Pa)]."""
+    """Slip c of one servo pump per pressure rise [m³/(s Pa)]."""
     leakage_flow: float
-    """Leakage of one closed valve, with its overlap, at the main pump's pressure q_leak [m³/s]."""
+    """Leakage q_leak of one closed valve, with its overlap, at the main pump's pressure [m³/s]."""
     land_leakage: float
-    """Share s of that leakage which flows past the lands of the spool [-]."""
+    """Share s of `leakage_flow` that flows past the lands of the spool [-]."""
 
 
 @kernel(borrows=True)
@@ -279,9 +279,9 @@ def get_shared_hydraulics(m: MachineArrays) -> SharedHydraulics:
 
 @kernel
 def compute_inertia_margin(oil: SharedHydraulics) -> float:
-    """Return the part of the boost margin that inertia forces may use up [Pa].
+    """Compute the part of the boost margin that inertia forces may use up [Pa].
 
-    The boost margin is a pressure in reserve beyond what load and valve need.
+    The boost margin is a reserve of pressure beyond load pressure and valve drop.
     `MARGIN_SHARE_WITHOUT_INERTIA` of it is kept for friction and control.
 
     Args:
@@ -314,8 +314,8 @@ def get_max_servo_pump_flow(oil: SharedHydraulics, modules: int) -> float:
             actuator.
 
     Returns:
-        Number of modules times Q_SP [m³/s]. inf for no modules: servo pumps then set no limit,
-        since the main pump feeds the actuator.
+        Number of modules times Q_SP [m³/s]; inf without modules, since the main pump then feeds the
+        actuator.
     """
     return modules * oil.servo_pump_flow if modules > 0 else math.inf
 
@@ -324,13 +324,13 @@ def get_max_servo_pump_flow(oil: SharedHydraulics, modules: int) -> float:
 def compute_pressure_with_margin(
     oil: SharedHydraulics, k: float, cap: float, rod: float, force: float, speed: float
 ) -> float:
-    """Compute the supply pressure at which a cylinder moves or holds its load, with a reserve.
+    """Compute the supply pressure that a cylinder needs, including the boost margin.
 
         p = p_L + m(v) + boost margin
 
     p_L is the load pressure, which balances the load at rest, and m(v) the pressure that the fully
-    open valve needs at the speed v. At speed 0 the cylinder holds. p_L is then the load pressure of
-    extension if force > 0, otherwise of retraction.
+    open valve needs at the speed v. At speed 0 the cylinder holds its load. p_L is then the load
+    pressure of extension if force > 0, otherwise of retraction.
 
     Args:
         oil: Tank pressure and boost margin.
@@ -411,7 +411,7 @@ def compute_boosted_supply(
 def rail_pressure(oil: SharedHydraulics, line_pressure: FloatArray, modes: ModeArray) -> float:
     """Return the pressure of the rail, the line that all actuators in shared boost (SB) use.
 
-    It is the highest boosted line pressure of these actuators.
+    The result is the highest boosted line pressure of the actuators in SB.
 
     Args:
         oil: The main pump's pressure P_S.
@@ -479,8 +479,8 @@ def scale_leakage(land_leakage: float, ratio: FloatOrArray) -> FloatOrArray:
 
         f = (1 − s) √r + s r
 
-    The share s flows past the lands of the spool. This flow is laminar. The rest, such as the flow
-    through the pilot stage, is turbulent.
+    The share s of the leakage flows past the lands of the spool and is laminar. The rest, such as
+    the flow through the pilot stage, is turbulent.
 
     Args:
         land_leakage: Share s of the leakage past the lands at the rated drop [-].
@@ -504,7 +504,8 @@ def compute_leakage_at(
 
         q = q_leak ((1 − s) √r + s r),   r = (p − p_T) / (P_S − p_T)
 
-    The share s flows past the lands of the spool and is laminar. The rest is turbulent.
+    The share s of the leakage flows past the lands of the spool and is laminar. The rest is
+    turbulent.
 
     Args:
         rated_flow: Leakage q_leak at the rated supply pressure [m³/s].
@@ -550,7 +551,7 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
         A v = G (p − p_A) − G (p_A − p_T)
         −a v = G (p − p_B) − G (p_B − p_T)
 
-    The seal of the piston is taken to be tight.
+    The piston's seal is assumed to be tight.
 
     Args:
         m: Arrays of the machine, with the main pump's pressure P_S. q_leak is the leakage of a
@@ -605,7 +606,7 @@ def compute_piston_flow_budget(
 def compute_required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
     """Compute the supply pressure at which actuator j moves or holds its load.
 
-    It is the load pressure, plus the drop across the fully open valve, plus the boost margin.
+    This is the load pressure, plus the drop across the fully open valve, plus the boost margin.
 
     Args:
         m: Arrays of the machine.
@@ -625,8 +626,8 @@ def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
     """Return whether actuator j needs boost to move or hold its load.
 
     Boost is needed if the actuator holds or moves against its load, and the main pump's pressure is
-    too low. It is too low if it is below load pressure plus valve drop plus boost margin. A motion
-    that the load helps never needs boost.
+    below load pressure plus valve drop plus boost margin. A motion that the load helps never needs
+    boost.
 
     Args:
         m: Arrays of the machine.
@@ -647,7 +648,8 @@ def compute_required_pressures(
 ) -> FloatArray:
     """Compute the supply pressures at which all actuators move or hold their loads.
 
-    Each is the load pressure, plus the drop across the fully open valve, plus the boost margin.
+    Each pressure is the load pressure, plus the drop across the fully open valve, plus the boost
+    margin.
 
     Args:
         m: Arrays of the machine.

@@ -37,7 +37,7 @@ def get_turn_angle(turns: BoolArray, q: FloatArray, j: int) -> float:
 
 @kernel(borrows=True, forceinline=True, reads=True)
 def add_extension(slides: BoolArray, retracted_length: FloatArray, q: FloatArray, j: int) -> float:
-    """Return a length along link j, with the extension of its joint if that slides.
+    """Return a length along link j, plus the extension of joint j if it slides.
 
     Args:
         slides: Whether each joint is prismatic, shape (n,).
@@ -89,7 +89,7 @@ def bound_displacement(
     Args:
         m: Arrays of the machine.
         start: Joint positions at the start of the move, shape (n,) [rad or m].
-        end: Joint positions at its end, shape (n,) [rad or m].
+        end: Joint positions at the end of the move, shape (n,) [rad or m].
         turn: Turn of link j in the plane [rad]: the sum of the turns of joints 0 to j. If the
             joints do not move in proportion, pass the sum of their magnitudes.
         j: Index of the link.
@@ -169,8 +169,8 @@ def end_link_angle(m: MachineArrays, q: FloatArray) -> float:
 def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
     """Compute the positions of all joints and of the tip in the arm's plane.
 
-    The origin is joint 1, or joint 2 if joint 1 slews. A sliding joint is placed at the tip of the
-    link before.
+    The origin is joint 1, or joint 2 if joint 1 slews. The position of a sliding joint is the tip
+    of the link before.
 
     Args:
         m: Arrays of the machine.

@@ -69,9 +69,11 @@ FIELDS_OUTSIDE_TABLE_HASH: dict[str, Any] = {
     "motion": {"max_piston_acceleration", "max_piston_jerk", "kept_joints"},
     "workspace": {"spacing"},
 }
-"""Parts of the machine file that a posture table does not depend on. It stays valid if they change.
+"""Parts of the machine file that a posture table does not depend on. A table stays valid if they
+change.
 
-The format is that of `exclude` in pydantic's `model_dump`."""
+The format is that of `exclude` in pydantic's `model_dump`.
+"""
 
 
 class FileRating(NamedTuple):
@@ -87,9 +89,9 @@ class FileRating(NamedTuple):
 class Machine:
     """A manipulator with n joints, each driven by one actuator.
 
-    Vectors over joints are float64 of shape (n,): angles [rad], torques [N m], forces [N],
-    lengths [m]. For a sliding joint, q is in [m] and the torque is a force [N]. If joint 1 slews,
-    (x, z) are positions in the plane that it turns, with the origin at joint 2 (`slewing`).
+    Vectors over joints are float64 of shape (n,): angles [rad], torques [N m], forces [N], lengths
+    [m]. For a sliding joint, q is in [m] and the torque is a force [N]. If joint 1 slews, (x, z)
+    are positions in the plane that joint 1 turns, with the origin at joint 2 (`slewing`).
     """
 
     config: MachineConfig
@@ -97,8 +99,9 @@ class Machine:
     arrays: MachineArrays = field(repr=False)
     """Numbers of the configuration as flat arrays for kernels."""
     shadows: Obstacles = field(repr=False, default=NO_OBSTACLES)
-    """Obstacles in the arm's plane that stand for zones in space, in addition to the file's
-    obstacles."""
+    """Shadows: obstacles in the arm's plane that stand for zones in space, beside the file's
+    obstacles.
+    """
     file_rating: FileRating | None = field(repr=False, default=None)
     """Payload and supply pressure of the original machine file if `changed` made this machine, else
     None."""
@@ -209,12 +212,13 @@ class Machine:
     def planar_arm(self) -> Machine:
         """Planar part of a slewing arm, without joint 1.
 
-        For an arm that does not slew it is the machine itself. Planners choose postures for the
-        planar part. Its joint j is joint j + 1 of the slewing arm. Three values differ from those
-        of the slewing arm:
+        An arm that does not slew is its own planar part. Planners choose postures for the planar
+        part. Its joint j is joint j + 1 of the slewing arm. Three values differ from the slewing
+        arm's:
 
         - The main pump's largest flow is smaller by the leakage of the slew's valve.
-        - `arrays.external_leakage` is that leakage [m³/s], because it still costs energy.
+        - `arrays.external_leakage` is the leakage of the slew's valve [m³/s], because it still
+          costs energy.
         - The planar part has no keep-out zones; ground, base and self-collision stay.
         """
         if not self.slews:
@@ -291,8 +295,8 @@ class Machine:
     def servo_preview(self) -> float:
         """Time by which the servo charges a line ahead of its boost [s].
 
-        It is the longest `preview` of all controllers in the machine file, since a plan does not
-        depend on which controller follows it. If no controller in the file has this key, it is
+        This is the longest `preview` of all controllers in the machine file, since a plan does not
+        depend on the controller. If no controller in the file has this key, it is
         `DEFAULT_PREVIEW`.
         """
         parts = self.config.servo.model_dump().values()
@@ -301,10 +305,10 @@ class Machine:
 
     @cached_property
     def expected_delay(self) -> float:
-        """Delay that a servo without pressure sensors assumes until it has learnt it [s].
+        """Delay that a servo without pressure sensors assumes before it has learnt one [s].
 
-        It is `servo.lag_compensated.expected_delay` of the machine file. If the file does not have
-        it, it is `DEFAULT_EXPECTED_DELAY`.
+        This is `servo.lag_compensated.expected_delay` of the machine file, or
+        `DEFAULT_EXPECTED_DELAY` if the file does not have this key.
         """
         section = getattr(self.config.servo, "lag_compensated", None)
         return float(getattr(section, "expected_delay", DEFAULT_EXPECTED_DELAY))
@@ -354,13 +358,13 @@ class Machine:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def describe_difference(self, name: str, planning_hash: str) -> str:
-        """Say in a sentence that plans for this machine do not fit the arm, if that is so.
+        """Say in a sentence that plans for this machine do not fit the arm, unless they fit.
 
         Plans fit if both planning hashes are equal. Otherwise the sentence names both machines and
         the groups of values that may differ, but no single value.
 
         Args:
-            name: Name of the arm's machine; the sentence repeats at most 64 characters.
+            name: Name of the arm's machine; the sentence shows at most 64 characters of it.
             planning_hash: `planning_hash` of the arm's machine, in hexadecimal.
 
         Returns:
@@ -525,9 +529,9 @@ class Machine:
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews [m].
-            preferred_slew: Preferred angle of the slew [rad]. Of the angles within the limits at
-                which the arm faces the position, the nearest to this one is taken. If the position
-                is on the slew's axis, this angle itself is returned.
+            preferred_slew: Preferred angle of the slew [rad]. If the arm can face the position at
+                several angles within the limits, the nearest angle is taken. If the position is on
+                the slew's axis, `preferred_slew` is returned.
 
         Returns:
             Position in the plane, and the slew's angle (None if the arm does not slew).
@@ -554,10 +558,10 @@ class Machine:
         return slewing.convert_to_base(self.arrays, tip, np.asarray(slew))
 
     def project_to_plane(self, position: Position | FloatArray) -> FloatArray:
-        """Convert positions in `base_link` into the arm's plane, turned to each position.
+        """Convert positions in `base_link` into the arm's plane.
 
-        A slewing arm moves in a vertical plane that its joint 1 turns. The slew's limits are not
-        checked.
+        A slewing arm moves in a vertical plane that its joint 1 turns. For each position, the plane
+        is turned towards it; the slew's limits are not checked.
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].
@@ -622,8 +626,8 @@ class Machine:
             psi: End-link angles to try (sums of all revolute joint angles), shape (k,) [rad].
 
         Returns:
-            Joint positions, shape (found, n) [rad or m]; an angle can have none or several. No rows
-            if there is no posture.
+            Joint positions, shape (found, n) [rad or m]. Each end-link angle can have no posture,
+            one or several.
         """
         if self.has_telescope:
             angles = np.asarray(psi, dtype=float)
@@ -705,7 +709,7 @@ class Machine:
 
     @property
     def _own_file_rating(self) -> FileRating:
-        """Payload and supply pressure of the original file, also for a copy from `changed`."""
+        """Payload and supply pressure of the original file, even after a call of `changed`."""
         own = FileRating(self.arrays.payload, self.arrays.supply_pressure)
         return own if self.file_rating is None else self.file_rating
 
@@ -813,7 +817,7 @@ class Machine:
         Raises:
             OutOfWorkspaceError: x, the distance from the origin, or the slew's angle is outside its
                 limits. The origin is joint 1, or joint 2 of a slewing arm. The error's sentence
-                suggests another unit if the position fits in it.
+                suggests another unit if the position is inside when read in this unit.
         """
         limit = self._describe_workspace_limit(position)
         if limit:
@@ -861,10 +865,10 @@ def load_machine(
         The machine, exactly as in the file.
 
     Raises:
-        MachineFileError: The file cannot be read or breaks rules. It has fewer than three joints,
-            or fewer than four with a slew. Or it gives an actuator a higher speed than the common
-            V_max, or booster modules a pressure that is not above the main pump's. The error lists
-            all problems of the first check that fails.
+        MachineFileError: The file cannot be read or breaks a rule. Three further rules apply: at
+            least three joints (four with a slew), no speed limit of an actuator above the common
+            V_max, and a boost pressure above the main pump's pressure. The error lists all problems
+            of the first check that fails.
     """
     file = find_machine_file(path)
     machine = Machine.from_content(read_machine_file(file), str(file), schema)

@@ -16,7 +16,7 @@ ignored."""
 
 @dataclass(frozen=True, eq=False)
 class ModeSchedule:
-    """Modes of all actuators over time, as rows that each hold until the next row begins.
+    """Modes of all actuators over time; each row holds until the next row begins.
 
     The last row holds for all later times. Creating a schedule raises ValueError if shapes
     disagree, times do not increase or a mode code does not exist. All arrays are read-only.

@@ -38,7 +38,7 @@ class ModeProperties(NamedTuple):
         boosted: Whether servo pumps raise the supply pressure, so that booster modules are needed.
         on_rail: Whether the actuator's line is connected to the rail. All lines on the rail have
             the same pressure.
-        rank: Strength; a mode can do everything that modes of lower rank can.
+        rank: Strength; a mode can do everything that a mode of lower rank can do.
     """
 
     boosted: bool
@@ -152,8 +152,8 @@ def assign_modules(
     """Assign booster modules to the actuators of a mode combination.
 
     Module j belongs to actuator j. Modules beyond the number of actuators are spare. First each
-    boosted actuator gets its own module, unless that is lost. Then the actuators, in their order,
-    get as many further modules as their modes need. Spare modules are taken first, then idle
+    boosted actuator gets its own module, unless this module is lost. Then the actuators, in their
+    order, get as many further modules as their modes need. Spare modules are taken first, then idle
     modules that belong to other actuators, both in the order of their indices. Lost modules are
     never used.
 
@@ -168,7 +168,7 @@ def assign_modules(
         module is idle.
 
     Raises:
-        ValueError: The mode combination needs more modules than are left.
+        ValueError: The mode combination needs more modules than remain without the lost ones.
     """
     actuator_count = len(pattern)
     needed = [modules_per_mode[mode] for mode in pattern]

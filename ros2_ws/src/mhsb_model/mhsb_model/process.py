@@ -5,7 +5,7 @@ entry point first sets up signals and then imports the module that does the work
 start-up time is spent on imports.
 
 A signal ends a node with code 0. During start-up there is nothing to save, so the process ends at
-once. A separate thread does that, since the main thread may be compiling for seconds. Inside a
+once. A separate thread ends it, since the main thread may be compiling for seconds. Inside a
 `grace_period` block, the node is given time to end by itself.
 
 Closing a terminal sends SIGHUP. It has the same effect as SIGTERM, unless it was ignored when the
@@ -39,7 +39,7 @@ ROS_ADVICE = (
 """Sentence of a command that needs ROS, if rclpy is missing."""
 
 VIEW_PACKAGES = frozenset({"lz4", "mcap", "rosbags", "viser", "zstandard"})
-"""Packages of the extra `view` of the distribution `mhsb`."""
+"""Packages that `pip install mhsb[view]` adds."""
 
 DEFAULT_GRACE_PERIOD = 1.5
 """Time that a process is given to end by itself after a signal [s]."""
@@ -54,7 +54,7 @@ M_ARENA_MAX."""
 _signalled = threading.Event()
 """Set once a signal has asked this node to end."""
 _grace_periods: list[float] = []
-"""Times of the `grace_period` blocks that are being executed [s]."""
+"""Durations of the `grace_period` blocks that are being executed [s]."""
 
 _final_actions: list[Callable[[], None]] = []
 """Functions to call before the watching thread ends a node."""
@@ -63,9 +63,9 @@ _final_actions: list[Callable[[], None]] = []
 def configure_memory_release() -> None:
     """Configure glibc to return the memory of large arrays to the system as soon as they are freed.
 
-    It sets the limits in `MALLOC_OPTIONS`. Each large array then has separate memory, and all
-    threads share at most two heaps. By default each thread has its own heap, and a long search
-    leaves holes in them. Nothing happens with another C library.
+    The function sets the limits in `MALLOC_OPTIONS`. Each large array then has separate memory, and
+    all threads share at most two heaps. By default each thread has its own heap, in which a long
+    search leaves holes. Nothing happens with another C library.
     """
     library = ctypes.CDLL(None)
     if hasattr(library, "mallopt"):
@@ -146,7 +146,7 @@ def make_node_entry(module: str) -> Callable[[], NoReturn]:
 
 @contextmanager
 def missing_packages_explained() -> Iterator[None]:
-    """Context manager that explains a missing package of ROS or of the extra `view`.
+    """Context manager that explains a missing package of ROS or of the extra `mhsb[view]`.
 
     If the block raises ModuleNotFoundError for such a package, the process ends with code 1. One
     sentence on standard error then says how to install it. If rclpy is missing, every package
@@ -188,8 +188,8 @@ def grace_period(seconds: float = DEFAULT_GRACE_PERIOD) -> Iterator[None]:
 def time_limit(seconds: float) -> Iterator[None]:
     """Context manager that ends the process with code 1 if its block takes too long.
 
-    It also works while the block executes foreign code that keeps Python's lock (GIL). A thread of
-    the module faulthandler, which needs no lock, watches the limit.
+    The limit also works while the block executes foreign code that keeps Python's lock (GIL). A
+    thread of the module faulthandler, which needs no lock, watches the limit.
 
     Args:
         seconds: Longest time of the block [s].
@@ -224,9 +224,9 @@ def signalled() -> bool:
 def register_final_action(action: Callable[[], None]) -> None:
     """Register a function that runs before a signal forcibly ends this node.
 
-    It runs only if the main thread has not ended the process within the `grace_period` after the
-    signal. It runs in the thread that watches for signals. It must be fast; its exceptions are
-    ignored.
+    The function runs only if the main thread has not ended the process within the `grace_period`
+    after the signal. It runs in the thread that watches for signals. It must be fast; its
+    exceptions are ignored.
 
     Args:
         action: Function without arguments, for instance one that removes shared memory.
@@ -283,7 +283,7 @@ def run_named(entries: Mapping[str, Any]) -> NoReturn:
 def _exit_interrupted(number: int, frame: object) -> NoReturn:
     """End the process at once with code 130, as a handler of SIGINT.
 
-    It replaces KeyboardInterrupt, which an import may turn into other errors.
+    This handler replaces KeyboardInterrupt, which an import may turn into other errors.
 
     Args:
         number: Number of the signal, not used.
@@ -324,9 +324,9 @@ def _wait_for_signal(reader: int) -> None:
 
     After the signal, `signalled` returns True. SIGHUP is sent on as SIGTERM, since ROS reacts to
     SIGTERM only. The function then waits, so that the main thread can end the process by itself. It
-    waits for the longest time of all `grace_period` contexts that are open at the signal, or not at
-    all without one. Finally the functions of `register_final_action` are called, and the process
-    exits.
+    waits for the longest time of all `grace_period` contexts that are open at the signal; without
+    such a context it does not wait. Finally the functions of `register_final_action` are called,
+    and the process exits.
 
     Args:
         reader: File descriptor of the pipe into which Python writes signal numbers.

@@ -10,7 +10,7 @@ writes. A misspelt field is an error before anything is compiled.
     spools["position"] = 0.5           # Python: the field of all records, float64[3]
     spools[0].position                 # kernels: a field of one record
 
-Settings are frozen dataclasses that are records as well. Their instances are created in Python, and
+Settings are frozen dataclasses that are also records. Their instances are created in Python, and
 kernels read a copy:
 
     @dataclass(frozen=True)
@@ -38,8 +38,8 @@ FIELD_TYPES = {"float": np.float64, "int": np.int64, "Int32": np.int32}
 class Record:
     """One record of a structured array, with its fields as annotations.
 
-    A field may be a record itself. Only settings have instances, see `create_record`. The module of
-    a subclass must import `annotations` from `__future__`.
+    A field may be a record itself. Only settings have instances, which `create_record` turns into
+    arrays. The module of a subclass must import `annotations` from `__future__`.
     """
 
 

@@ -25,10 +25,11 @@ MAX_COORDINATE, MAX_MASS, MAX_FLOW, MAX_PRESSURE = 1e4, 1e6, 1.0, 1e9
 """Largest coordinate of a zone [m], mass [kg], flow [m³/s] and pressure [Pa].
 
 The ranges leave two orders of magnitude around the values of machines from 0.1 kg to 1000 t. So a
-mistyped number is noticed. With all others, computations neither overflow nor divide by 0."""
+mistyped number is noticed, and computations with accepted numbers neither overflow nor divide by 0.
+"""
 
 MAX_SUPPLY_PRESSURE = 5e7
-"""Largest pressure of the main pump and of a boosted supply line [Pa], above all common pumps."""
+"""Largest pressure of the main pump and of a boosted line [Pa]; more than common pumps give."""
 
 NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
@@ -70,7 +71,7 @@ class Link(Section):
 
 
 class Extension(Section):
-    """Sliding part of a telescope; retracted, its tip lies `length` beyond the link before."""
+    """Sliding part of a telescope. Retracted, its tip is `length` beyond the link before."""
 
     length: NonNegative = Field(
         le=20, description="tip of the link before to the own tip at q = 0 [m]"
@@ -327,8 +328,8 @@ def _choose_joint_kind(content: Any) -> str:
         content: A joint as read from the file, or a joint object.
 
     Returns:
-        "prismatic" or "slew" if the content has this kind. Otherwise "revolute"; the validation of
-        this kind then reports a wrong kind.
+        "prismatic" or "slew" if the content has this kind. Otherwise "revolute", whose schema then
+        reports a wrong kind.
     """
     kind = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
     return kind if kind in ("prismatic", "slew") else "revolute"
@@ -430,7 +431,7 @@ class Valve(Section):
 
 
 class Hydraulics(Section):
-    """Hydraulics between the tank and the cylinders, as far as the planner needs it."""
+    """Hydraulics between the tank and the cylinders, as far as the planner needs them."""
 
     tank_pressure: NonNegative = Field(le=1e6, description="[Pa]")
     boost_margin: NonNegative = Field(
@@ -559,7 +560,7 @@ class CircuitDynamics(Section):
 
 
 DEFAULT_PREVIEW = 0.08
-"""Time by which lines are charged ahead of a boost if the machine file does not say it [s]."""
+"""Time by which lines are charged ahead of a boost, unless the machine file declares it [s]."""
 
 Preview = Annotated[
     float, Field(ge=1e-5, le=1, description="how long before a boost its line is charged [s]")
@@ -567,7 +568,7 @@ Preview = Annotated[
 
 
 DEFAULT_EXPECTED_DELAY = 0.2
-"""Delay that is assumed before it is learnt if the machine file does not say it [s]."""
+"""Delay that is assumed until the real one is learnt, unless the machine file declares it [s]."""
 
 ExpectedDelay = Annotated[
     float,
@@ -592,7 +593,7 @@ class ControllerSection(Section):
 
     @model_serializer(mode="wrap")
     def _dump_given_keys(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the keys of the section that the file gives, without those that it leaves out.
+        """Return only the keys of the section that the file gives.
 
         Not every controller knows the keys `preview` and `expected_delay`.
 
@@ -659,9 +660,9 @@ class SupplySag(Section):
 
 
 class Sensors(Section):
-    """Classes of the sensors fitted; `file` has the noise given in `servo` and no other error.
+    """Classes of the fitted sensors. Class `file` has only the noise given in `servo`.
 
-    With `pressure: none` no controller runs that reads pressures.
+    With `pressure: none`, only controllers that read no pressures can run.
     """
 
     length: Literal["file", "encoder_16_bit", "encoder_13_bit", "imu"] = Field(
@@ -705,7 +706,7 @@ class Sensors(Section):
 
 
 class Imperfections(Section):
-    """Imperfections of real machines. Each one is off if it is left out."""
+    """Imperfections of real machines. An imperfection that is left out is off."""
 
     valve_overlap: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, share of its stroke [-]"
@@ -861,9 +862,10 @@ BOOSTER_VALUES: dict[str, dict[str, Any]] = {
         "rail_bleed_flow": 1e-8,
     },
 }
-"""Values of the keys that a file may leave out if no booster module is fitted, by section.
+"""Values of keys that a file may leave out if no booster module is fitted, by section.
 
-No oil flows through these parts; the values only keep the equations of the circuit regular."""
+No oil flows through these parts; the values only keep the equations of the circuit regular.
+"""
 
 
 def _complete_booster_keys(content: Any) -> Any:
@@ -897,7 +899,7 @@ def _complete_booster_keys(content: Any) -> Any:
 
 
 def _read_section(content: Any, key: str) -> dict[str, Any]:
-    """Return a section of a mapping; empty if either of them is no mapping."""
+    """Return a section of a mapping; empty if the section or the content is not a mapping."""
     section = content.get(key) if isinstance(content, dict) else None
     return section if isinstance(section, dict) else {}
 
@@ -905,7 +907,7 @@ def _read_section(content: Any, key: str) -> dict[str, Any]:
 class MachineConfig(Section):
     """Content of a whole machine file.
 
-    With `hydraulics.modules.count: 0` it may leave out the keys of booster modules.
+    With `hydraulics.modules.count: 0`, the file may leave out the keys of booster modules.
     """
 
     complete_booster_keys = model_validator(mode="before")(_complete_booster_keys)
@@ -935,5 +937,4 @@ COMMON_PATHS = {
     "max_piston_speed": "motion.max_piston_speed",
     "relief_pressure": "circuit.chamber_relief_pressure",
 }
-"""Values that an actuator may have of its own, and the path of the common value that holds
-otherwise."""
+"""Quantities for which an actuator may have its own value; path of each common value."""

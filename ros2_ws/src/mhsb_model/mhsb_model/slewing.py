@@ -1,4 +1,4 @@
-"""Conversion between positions in `base_link` and in the plane that joint 1 of a slewing arm turns.
+"""Conversion of positions between `base_link` and the plane that joint 1 of a slewing arm turns.
 
 `base_link` has its origin on the slew's axis at the height of joint 2, with x forward, y to the
 left and z up. With the slew's angle θ and the distance a of joint 2 ahead of the axis, the plane's
@@ -28,7 +28,7 @@ axis."""
 
 
 class PlanarTarget(NamedTuple):
-    """A position in the arm's plane, and the slew's angle that turns the plane there."""
+    """A position in the arm's plane, and the slew angle at which the plane contains it."""
 
     tip: tuple[float, float]
     """Position (x', z') in the plane [m]."""
@@ -40,15 +40,15 @@ def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float
     """Convert a position in `base_link` into the arm's plane, and find the slew angle for it.
 
     A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
-    their origin at joint 2. The slew angle is one at which the arm faces the position. Slew angles
-    at which the arm would reach the position behind its back are not considered.
+    their origin at joint 2. At the slew angle, the arm faces the position, so that the arm does not
+    reach behind the slew's axis.
 
     Args:
         m: Arrays of the machine.
         position: (x, z), or (x, y, z) if joint 1 slews [m].
-        preferred_slew: Preferred angle of the slew [rad]. The angles at which the arm faces the
-            position differ by whole turns. Of those within the limits, the nearest to this one is
-            taken. If the position is on the slew's axis, this angle itself is returned.
+        preferred_slew: Preferred angle of the slew [rad]. Angles at which the arm faces the
+            position differ by whole turns; the nearest within the limits is taken. If the position
+            is on the slew's axis, `preferred_slew` is returned.
 
     Returns:
         Position in the plane, and the slew's angle. If the arm does not slew, the position is
@@ -82,7 +82,7 @@ def project_to_plane(m: MachineArrays, position: FloatArray) -> FloatArray:
     """Convert positions in `base_link` into the arm's plane.
 
     A slewing arm moves in a vertical plane that its joint 1 turns. For each position, the plane is
-    taken as turned to it. The slew's angle is not computed, and its limits are not checked.
+    turned towards it. The slew's angle is not computed, and its limits are not checked.
 
     Args:
         m: Arrays of the machine.

@@ -1,6 +1,6 @@
 """Statics and dynamics of the planar chain: joint torques for gravity and for inertia.
 
-Where a joint slides, its "torque" is the force along the link [N].
+The "torque" of a sliding joint is the force along its link [N].
 """
 
 from __future__ import annotations
@@ -312,7 +312,7 @@ def compute_motion_torques(
     static_torque: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """Compute the joint torques for gravity alone, and those for the whole motion.
+    """Compute the joint torques for gravity alone, and for the whole motion.
 
         τ = M(q) q̈ + C(q, q̇) q̇ + g(q)
 

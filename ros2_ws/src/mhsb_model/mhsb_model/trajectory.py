@@ -175,8 +175,8 @@ class Trajectory:
     def sample(self, time_ns: int) -> MotionState:
         """Return the state of the motion at an absolute time.
 
-        Before the first point it is the state of the first point. After the last point it is the
-        last position with zero velocity and acceleration.
+        Before the first point, this is the state of the first point. After the last point, it is
+        the last position with zero velocity and acceleration.
 
         Args:
             time_ns: Absolute time [ns].
@@ -187,8 +187,8 @@ class Trajectory:
     def sample_many(self, time_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Evaluate the motion at several absolute times.
 
-        Before the first point it has the state of the first point. After the last point it has the
-        last position with zero velocity and acceleration.
+        Before the first point, the state of the first point is returned. After the last point, it
+        is the last position with zero velocity and acceleration.
 
         Args:
             time_ns: Absolute times in any order, shape (times,) [ns].
@@ -306,7 +306,8 @@ def sample_states_at_shares(
         acceleration: Joint accelerations at the points, shape (points, n) [rad/s² or m/s²].
         rows: Index of the interval for each of k samples, shape (k,). Interval i lasts from point i
             to point i + 1.
-        shares: Share of that interval's duration at which the sample lies, 0 … 1, shape (k,).
+        shares: Position of each sample within its interval, as a share of the interval's duration,
+            0 … 1, shape (k,).
 
     Returns:
         Positions, velocities and accelerations, each of shape (k, n).

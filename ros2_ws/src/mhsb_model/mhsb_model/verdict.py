@@ -22,7 +22,7 @@ class Verdict(StrEnum):
     OK = "OK"
     """The goal was planned and the plan published."""
     AT_GOAL = "AT_GOAL"
-    """The goal was accepted, and the tip is already there: there is nothing to do."""
+    """The goal was accepted, and the tip is already at it."""
     SUPERSEDED = "SUPERSEDED"
     """A newer goal came before the plan."""
     NO_STATE = "NO_STATE"
@@ -32,7 +32,7 @@ class Verdict(StrEnum):
     NOT_FINITE = "NOT_FINITE"
     """The goal has NaN or infinite numbers."""
     FRAME = "FRAME"
-    """The goal is in a frame in which goals cannot be given."""
+    """The goal's frame is not one in which goals can be given."""
     OUT_OF_WORKSPACE = "OUT_OF_WORKSPACE"
     """The goal lies outside the workspace."""
     INFEASIBLE = "INFEASIBLE"
@@ -105,8 +105,8 @@ class PlanSummary:
         lower_bound_j: Lower bound on the energy of every plan to this goal [J].
         lead_ms: Time from receiving the goal to the instant at which the new curve deviates from
             the old curve [ms].
-        continued: Whether the plan in force already leads to the goal, so that nothing was
-            published.
+        continued: Whether nothing was published because the plan in force already leads to the
+            goal.
         speed_excess: Largest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
         cavitation_s: Time for which loads empty inlet chambers, summed over the actuators [s].
     """
@@ -189,14 +189,15 @@ class ExecutionReport:
     """Report on how the execution of one accepted goal ended.
 
     Attributes:
-        outcome: Way in which it ended.
+        outcome: Way in which the execution ended.
         sentence: Explanation for a person.
         goal_stamp_ns: Stamp of the goal [ns].
-        plan_stamp_ns: Stamp of the last plan that was sent for it [ns].
-        attempts: Number of plans that were sent for it.
+        plan_stamp_ns: Stamp of the last plan that was sent for the goal [ns].
+        attempts: Number of plans that were sent for the goal.
         lead_ms: Time from receiving the goal to the instant at which the last plan's curve deviates
             from the old one [ms].
-        reason: Verdict code that explains an abort, for instance DEADLINE or FAULT; else None.
+        reason: Verdict code that explains an abort, for instance DEADLINE or FAULT; None if there
+            is none.
     """
 
     outcome: Outcome

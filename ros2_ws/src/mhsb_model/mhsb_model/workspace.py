@@ -15,8 +15,9 @@ from mhsb_model.kinematics import bound_displacement, get_turn_angle, tip_positi
 from mhsb_model.types import FloatArray
 
 WORKSPACE_TOLERANCE = 1e-5
-"""Distance by which the tip may leave the region on a straight joint move [m]; it covers
-rounding."""
+"""Distance by which the tip may leave the region on a straight joint move [m], to allow for
+rounding.
+"""
 
 MOVE_SAMPLES = 8
 """Number of instants between the ends at which a straight joint move is checked."""
@@ -64,12 +65,11 @@ def compute_region_excess(
 def move_stays_in_workspace(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
     """Return whether the tip stays in the workspace on a straight move in joint space.
 
-    The tip may be outside the workspace by `WORKSPACE_TOLERANCE`. If the tip is farther outside at
-    one of the ends, it may be as far outside during the whole move, plus the tolerance.
+    The tip may be outside the workspace by `WORKSPACE_TOLERANCE`. If it is farther outside at an
+    end of the move, it may be that far outside during the whole move, plus the tolerance.
 
-    An upper bound on how far the tip moves is tried first. If this bound does not prove that the
-    tip stays inside, `MOVE_SAMPLES` postures between the ends are checked. Positions between these
-    samples are not checked.
+    First an upper bound on the distance that the tip moves is tried. If this bound does not prove
+    that the tip stays inside, only `MOVE_SAMPLES` postures between the ends are checked.
 
     Args:
         m: Arrays of the machine.

@@ -30,18 +30,20 @@ FILE_TEMPERATURE = 40.0
 VISCOSITY_SLOPE = 0.036
 """Exponential decrease k_µ of the oil's viscosity with temperature [1/K].
 
-It fits a mineral oil ISO VG 46 between 20 and 60 °C, whose viscosity falls from 110 to 26 mm²/s."""
+The value fits mineral oil ISO VG 46, whose viscosity falls from 110 mm²/s at 20 °C to 26 mm²/s at
+60 °C.
+"""
 
 BULK_MODULUS_SLOPE = 0.005
 """Exponential decrease k_β of a mineral oil's bulk modulus with temperature [1/K]."""
 
 
 def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
-    """Build the records of a machine's cylinders and of the servo valve of each.
+    """Build the records of a machine's cylinders with their servo valves.
 
     The shortest and the longest cylinder length are the lengths at the two joint limits. A slew may
-    be driven by a rotary motor, whose oil volume does not depend on its position. For a motor, this
-    volume is added to the dead volume, and `swept_volume_factor` is 0.
+    be driven by a rotary motor, whose oil volume does not depend on its position. The oil volume of
+    a motor is added to the dead volume, and its `swept_volume_factor` is 0.
 
     Args:
         machine: Machine with n actuators.
@@ -84,9 +86,9 @@ def build_valve_curves(machine: Machine) -> FloatArray:
 
     Returns:
         Curve for extension and curve for retraction of the piston, float64[2, 2, k]. Row 0 of each
-        has the shares of the spool's stroke beyond the overlap, and row 1 the shares of the full
-        opening. The shorter curve is filled up with points (1, 1). A straight line has the points
-        (0, 0) and (1, 1).
+        curve has the shares of the spool's stroke beyond the overlap, and row 1 the shares of the
+        full opening. The shorter curve is filled up with points (1, 1). A straight line has the
+        points (0, 0) and (1, 1).
     """
     curves = [curve or ((0.0, 0.0), (1.0, 1.0)) for curve in machine.config.imperfections.curves]
     table = np.ones((2, max(map(len, curves)), 2))
@@ -129,7 +131,7 @@ def build_modules(module_home: IntArray) -> Records[ModuleState]:
 
 
 def compute_viscosity_ratio(temperature: float) -> float:
-    """Return the ratio of the oil's viscosity at a temperature to that at FILE_TEMPERATURE.
+    """Return the oil's viscosity divided by its viscosity at FILE_TEMPERATURE.
 
         µ/µ_file = e^(−k_µ ΔT)
 

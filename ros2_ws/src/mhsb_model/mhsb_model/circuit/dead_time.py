@@ -25,7 +25,7 @@ SETTLING_DEAD_TIMES = 8.0
 def compute_settling_time(machine: Machine) -> float:
     """Compute the time after a plan's end within which the tip must be at the goal [s].
 
-    It is `SETTLING_TIME` plus `SETTLING_DEAD_TIMES` times the machine's dead time.
+    The result is `SETTLING_TIME` plus `SETTLING_DEAD_TIMES` times the machine's dead time.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).

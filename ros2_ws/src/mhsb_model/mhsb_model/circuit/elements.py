@@ -2,7 +2,7 @@
 
 Resistive elements return (Q, dQ/dΔp): the flow [m³/s] through the element and its slope [m³/(s
 Pa)]. The flow and the pressure drop Δp [Pa] have the same positive direction. The slope is never
-negative. Dynamic elements return their state after dt [s], exactly for an input that is constant
+negative. Dynamic elements return their state after dt [s], which is exact if the input is constant
 during dt.
 
 Sources: H. E. Merritt, Hydraulic Control Systems (orifices, chambers, servo valves, leakage);
@@ -96,9 +96,9 @@ def compute_check_valve_flow(k: float, drop: float, laminar: float) -> tuple[flo
 
         Q = k Δp / (Δp² + Δp_c²)^¼ if Δp > 0, else 0
 
-    Forwards it is an orifice, laminar below Δp_c. The returned slope is Q/Δp (the chord) and not
-    dQ/dΔp (the tangent), which is less steep. With the tangent, an implicit integration step may
-    pass Δp = 0 and let oil flow back.
+    The open valve is an orifice, laminar below Δp_c. The returned slope is the chord Q/Δp, which is
+    steeper than the tangent dQ/dΔp. With the tangent, an implicit integration step may pass Δp = 0
+    and let oil flow back.
 
     Args:
         k: Flow coefficient [m³/(s √Pa)].
@@ -120,7 +120,7 @@ def compute_relief_valve_flow(gain: float, drop: float, setting: float) -> tuple
 
         Q = gain · max(0, Δp − setting)
 
-    With setting = 0 it is an anti-cavitation valve.
+    With setting = 0, the valve is an anti-cavitation valve.
 
     Args:
         gain: Flow per pressure above the setting [m³/(s Pa)].
@@ -173,7 +173,7 @@ def advance_servo_pump_flow(
 
         τ dQ/dt = Q_cmd − Q,   0 ≤ Q_cmd ≤ largest
 
-    It is a first-order lag whose change per step is limited.
+    The flow is a first-order lag of the command, and its change per step is limited.
 
     Args:
         flow: Flow Q at the start of the step [m³/s].
@@ -253,12 +253,12 @@ def advance_pressure_and_cavity(
         e ≥ 0:  pressure p_v + e/C,  no vapour
         e < 0:  pressure p_v,  vapour volume −e
 
-    e is the volume of oil after the step, beyond the volume that just fills the node at the vapour
+    e is the excess of oil after the step over the volume that just fills the node at the vapour
     pressure p_v.
 
     Args:
-        pressure: Pressure p before [Pa].
-        cavity: Vapour volume V_v before [m³].
+        pressure: Pressure p before the step [Pa].
+        cavity: Vapour volume V_v before the step [m³].
         capacity: Capacity C = V/β of the node [m³/Pa].
         vapour: Vapour pressure p_v [Pa].
         inflow: Net volume of oil that has flowed in during the step [m³].
@@ -279,11 +279,12 @@ def advance_pressure_and_cavity(
 def follow_with_backlash(follower: float, leader: float, width: float) -> float:
     """Compute the position of a follower that a leader moves through backlash.
 
-    The follower rests while the leader is within ±width/2 of it. Otherwise the leader takes it
-    along at a distance of width/2. If either position is nan, the result is the leader's position.
+    The follower rests while the leader is within ±width/2 of it. Otherwise the leader moves the
+    follower along at a distance of width/2. If either position is nan, the result is the leader's
+    position.
 
     Args:
-        follower: Position of the follower before.
+        follower: Position of the follower before the step.
         leader: Present position of the leader.
         width: Total width of the backlash, in the same unit.
 
@@ -520,9 +521,9 @@ def compute_chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple
 
         V_A = V₀ + A (L − L_min),   V_B = V₀ + a (L_max − L)
 
-    V_A and V_B are the volumes on the cap side and the rod side, A and a the piston areas there. V₀
-    is the dead volume. L_min and L_max are the lengths at the ends of the stroke. For a rotary
-    motor both volumes are V₀.
+    V_A and V_B are the volumes on the cap side and the rod side, A and a the piston areas of these
+    sides. V₀ is the dead volume. L_min and L_max are the lengths at the ends of the stroke. For a
+    rotary motor both volumes are V₀.
 
     Args:
         cylinder: Constants of the cylinder.
@@ -550,7 +551,8 @@ def compute_friction_force(
     Args:
         coulomb: Coulomb friction F_c [N].
         viscous: Viscous coefficient b [N s/m].
-        speed_scale: Speed v_s that smooths the change of sign; at v_s, 76 % of F_c act [m/s].
+        speed_scale: Speed v_s that smooths the change of sign [m/s]; at v_s the Coulomb friction is
+            76 % of F_c.
         speed: Piston speed v [m/s].
 
     Returns:
@@ -574,7 +576,7 @@ def compute_spool_transition(
         Φ = e^(S dt) = e^(−ζω dt) [c I + s (S + ζω I)]
         c = cos(ω_d dt),   s = sin(ω_d dt)/ω_d,   ω_d = ω √|1 − ζ²|
 
-    If ζ > 1, cosh and sinh take the place of cos and sin. If ζ = 1, c = 1 and s = dt.
+    If ζ > 1, cosh and sinh replace cos and sin. If ζ = 1, c = 1 and s = dt.
 
     Args:
         frequency: Natural frequency ω/2π [Hz].

@@ -23,7 +23,7 @@ class CylinderConstants(Record):
     friction: float
     """Ratio of the cylinder's friction to that of `CircuitConstants`."""
     swept_volume_factor: float
-    """1; 0 of a rotary motor, whose oil volume does not depend on position."""
+    """0 for a rotary motor, whose oil volume does not depend on position, else 1."""
 
 
 class CircuitConstants(Record):
@@ -40,7 +40,7 @@ class CircuitConstants(Record):
     main_pump_decay: float
     """Decay e^(−substep/τ) of the lag τ of the main pump's swash plate; 0 without a lag."""
     main_pump_memory: float
-    """Share of its former flow that the main pump keeps on average in a substep; 0 without lag."""
+    """Weight of the main pump's flow before a substep in its mean flow during it; 0 without lag."""
     bulk_modulus: float
     """Bulk modulus β of the oil [Pa]."""
     free_air: float
@@ -80,7 +80,7 @@ class CircuitConstants(Record):
     pump_filling: float
     """Pressure above vapour pressure at which a servo pump is completely filled [Pa]."""
     main_pump_efficiency: float
-    """Efficiency of the main pump, hydraulic over shaft power."""
+    """Efficiency of the main pump: hydraulic power divided by shaft power."""
     main_pump_drag: float
     """Drag power of the main pump [W]."""
     servo_pump_drag: float
@@ -96,7 +96,7 @@ class CircuitConstants(Record):
     servo_pump_power: float
     """Largest power of a servo pump's motor [W]."""
     servo_pump_efficiency: float
-    """Efficiency of a servo pump, hydraulic over shaft power, slip apart."""
+    """Efficiency of a servo pump without slip: hydraulic power divided by shaft power."""
     switching_time: float
     """Lag of join valves and diverters behind their commands [s]."""
     switching_decay: float
@@ -116,7 +116,7 @@ class CircuitConstants(Record):
     bristle_damping: float
     """Damping of the bristles [N s/m]."""
     valve_overlap: float
-    """Overlap of a servo valve, a share of its spool's stroke; of its extending side."""
+    """Overlap of the extending side, a share of the spool's stroke."""
     valve_overlap_retracting: float
     """Overlap of the retracting side, a share of the spool's stroke."""
     valve_exponent: float
@@ -128,9 +128,9 @@ class CircuitConstants(Record):
     spool_rate: float
     """Largest speed of a spool [1/s]; inf without a limit."""
     accumulator_volume: float
-    """Gas volume of the accumulator [m³]; 0 without one."""
+    """Gas volume of the accumulator [m³]; 0 without accumulator."""
     accumulator_precharge: float
-    """Precharge pressure of the accumulator [Pa]; inf without one."""
+    """Precharge pressure of the accumulator [Pa]; inf without accumulator."""
     accumulator_exponent: float
     """Polytropic exponent of the accumulator's gas."""
     substep: float
@@ -161,7 +161,7 @@ class ActuatorState(Record):
     join: float
     """Opening of the valve between rail and line, 0 … 1."""
     relief: float
-    """Setting of the relief valves of its chambers [Pa]."""
+    """Setting of the relief valves of the cylinder's chambers [Pa]."""
     force: float
     """Cylinder force p_A A − p_B a [N]."""
     friction: float
@@ -173,15 +173,15 @@ class ActuatorState(Record):
     isolated: float
     """Closed share of the valve that isolates both chambers, 0 … 1."""
     isolating_command: float
-    """Command of that valve, 0 … 1; 1 closes."""
+    """Command of the isolating valve, 0 … 1; 1 closes."""
     follows_command: float
-    """1; 0 by a fault: the spool goes to `runaway`, whatever its command."""
+    """0 if a fault drives the spool to `runaway` whatever its command, else 1."""
     runaway: float
-    """Spool position of that fault, −1 … 1."""
+    """Spool position to which a fault drives the spool, −1 … 1."""
     seized: float
     """1 if the spool is stuck, else 0."""
     leakage: float
-    """Ratio of the line's leakage to that of a healthy one."""
+    """Ratio of the line's leakage to that of a healthy line."""
 
 
 class ModuleState(Record):
@@ -190,16 +190,16 @@ class ModuleState(Record):
     flow_command: float
     """Commanded flow [m³/s]."""
     to_rail_command: float
-    """Command of the switching valve: 1 feeds the rail, 0 the own line."""
+    """Command of the diverter: 1 feeds the rail, 0 the module's own line."""
     flow: float
     """Displacement times speed [m³/s]."""
     delivered: float
-    """Flow times the share that the inlet fills, minus the slip [m³/s]."""
+    """`flow` times the share of the displacement that fills at the inlet, minus the slip [m³/s]."""
     to_rail: float
     """Share of the flow that goes to the rail, 0 … 1."""
     lag_ratio: float
-    """Ratio of the pump's lag to that of a healthy one."""
+    """Ratio of the pump's lag to that of a healthy pump."""
     flow_ratio: float
     """Ratio of the largest flow to that of a healthy pump."""
     runs_on: float
-    """1 by a fault: the pump gives its largest flow, whatever its command."""
+    """1 if a fault makes the pump give its largest flow whatever its command, else 0."""

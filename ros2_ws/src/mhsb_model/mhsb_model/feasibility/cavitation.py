@@ -2,10 +2,10 @@
 
 A matched servo valve (with equal metering edges) fills the inlet chamber as fast as the other
 chamber empties, but only up to a certain load. That load does not depend on the piston speed
-(`hydraulics.cavitates`). Pressure compensators keep the drop over each edge, and the chamber then
-fills no faster than with this drop as supply pressure. Such loads are not a limit of a motion: the
-anti-cavitation valves fill the chamber from the tank. The servo has less stiffness during that
-time.
+(`hydraulics.cavitates`). Pressure compensators limit the drop over each edge. The inlet chamber
+then fills as if the supply pressure were this drop, if it is lower. A motion may have loads that
+cause cavitation: the anti-cavitation valves then fill the chamber from the tank. The servo is less
+stiff during that time.
 """
 
 from __future__ import annotations

@@ -8,10 +8,10 @@ A piece of duration h between the points (q₀, v₀, a₀) and (q₁, v₁, a�
                   w₃ = v₁ − a₁h/4, w₄ = v₁
     acceleration  xᵢ = 4(wᵢ₊₁ − wᵢ)/h,   jerk  yᵢ = 3(xᵢ₊₁ − xᵢ)/h
 
-A polynomial stays within the hull of its control values, so these are compared first. If they
-exceed a limit, the extrema are computed: they are at the ends and at the roots of the derivative.
-The roots of a quadratic have a closed form. A cubic or quartic is monotone between two neighbouring
-roots of its derivative, and its roots are found there by false position.
+A polynomial stays within the hull of its control values, so the control values are compared first.
+If one exceeds a limit, the extrema are computed, which are at the ends and at the roots of the
+derivative. The roots of a quadratic have a closed form. A cubic or quartic is monotone between two
+neighbouring roots of its derivative. In each such interval, false position finds its root.
 
 Source: Farin, Curves and Surfaces for CAGD, Chapter 5.
 """
@@ -34,13 +34,16 @@ from mhsb_model.types import FloatArray, IntArray
 POSITION_TOLERANCE = 1e-5
 """Excess over a joint limit that is tolerated [rad, m].
 
-A braking command samples its plan again every 20 ms. Across a jump of the jerk by 1000 rad/s³ it
-then deviates from the plan's curve by this much."""
+A braking command samples its plan again every 20 ms. At a jump of the jerk by 1000 rad/s³, it
+deviates from the plan's curve by this value.
+"""
 
 POSITION_ROUNDING = 8.0 * 2.0**-52
 """Relative error of a position in a message, from rounding and a few operations before it.
 
-It changes velocity, acceleration and jerk of a piece by 5/h, 20/h² and 120/h³ times as much."""
+In a piece of duration h, a position error changes velocity, acceleration and jerk by 5/h, 20/h² and
+120/h³ times this error.
+"""
 
 ROOT_STEPS = 60
 """Largest number of iterations of the root finder."""
@@ -48,7 +51,8 @@ ROOT_STEPS = 60
 ROOT_RESIDUE = 1e-10
 """Largest residual of a root, relative to the largest control value of the polynomial.
 
-The extremum there is then off by about the square of it."""
+The error of the extremum is then about the square of this residual.
+"""
 
 
 class Quantity(IntEnum):
@@ -79,7 +83,7 @@ limit."""
 
 
 class QuinticPiece(NamedTuple):
-    """Piece of one joint's curve: its time, and control values of it and of its derivatives.
+    """Piece of one joint's curve: its time, and control values of position and derivatives.
 
     For a joint that slides, m takes the place of rad.
     """
@@ -134,9 +138,9 @@ def find_curve_excess(limits: CurveLimits, trajectory: Trajectory) -> CurveExces
         trajectory: Trajectory with the same joints as `limits`.
 
     Returns:
-        The largest excess of that quantity over all joints and times. Positions are compared by the
-        distance beyond the limit, other quantities by the ratio to the limit. None if the curve
-        keeps all limits.
+        The largest excess of the reported quantity over all joints and times. Positions are
+        compared by the distance beyond the limit, other quantities by the ratio to the limit. None
+        if the curve keeps all limits.
     """
     found = _compute_excesses(limits, trajectory)
     for quantity in Quantity:
@@ -159,8 +163,8 @@ def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float
         trajectory: Trajectory with the same joints as `limits`.
 
     Returns:
-        Factor k > 1, inf if the numbers overflow. If the trajectory already keeps all three limits,
-        the result is 0 (not 1).
+        Factor k > 1; inf if the numbers overflow; 0 if the trajectory already keeps all three
+        limits.
     """
     excess = _compute_excesses(limits, trajectory)[EXCESS_ROW].max(axis=1).tolist()
     powers = {Quantity.SPEED: 1, Quantity.ACCELERATION: 2, Quantity.JERK: 3}
@@ -476,7 +480,7 @@ def _record_excesses_at(
 
 @kernel(borrows=True)
 def _record_excess(worst: FloatArray, excess: float, value: float, time: float) -> None:
-    """Write an excess into `worst` if it is larger than the one there.
+    """Replace the worst excess by a new excess if the new one is larger.
 
     Args:
         worst: Worst excess of a quantity so far, float64[3] in the order EXCESS_ROW, VALUE_ROW,

@@ -14,9 +14,8 @@ PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 def find_config_file(name: str) -> Path:
     """Return the path of a file in the suite's config folder.
 
-    It is first looked for in the folder `config` beside this package's modules. A checkout and a
-    pip installation have that folder. Then it is looked for in the share folder of the installed
-    ROS package.
+    The folder `config` beside this package's modules is searched first; a checkout and a pip
+    installation have it. Then the share folder of the installed ROS package is searched.
 
     Args:
         name: Path relative to the config folder, such as `mhsb_arm3.yaml` or `views/mhsb.rviz`.
@@ -42,7 +41,7 @@ def find_config_file(name: str) -> Path:
 
 
 def find_machine_config_file(name: str, machine: str | None) -> Path:
-    """Return the config file for a machine: its own variant, or the general file if it has none.
+    """Return a machine's variant of a config file, or the general file if there is no variant.
 
     The variant of NAME.yaml for machine M is NAME_M.yaml, such as `demo_goals_excavator.yaml`.
 

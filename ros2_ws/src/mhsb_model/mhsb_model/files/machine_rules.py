@@ -40,8 +40,8 @@ def check_machine_rules(config: MachineConfig) -> list[str]:
 def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
     """Check that no actuator's own speed limit exceeds the common limit V_max.
 
-    The rule is for machine files alone. A program may lower V_max of a machine below an actuator's
-    own limit; the new V_max then limits this actuator, too.
+    The rule applies only to machine files. A program may lower V_max of a machine below an
+    actuator's own limit; the new V_max then limits this actuator.
 
     Args:
         config: Content of a machine file.
@@ -62,7 +62,7 @@ def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
 def check_boost_pressure(config: MachineConfig) -> list[str]:
     """Check that booster modules can raise the pressure above that of the main pump.
 
-    The rule is for machine files alone. A program may raise the main pump's pressure beyond the
+    The rule applies only to machine files. A program may raise the main pump's pressure beyond the
     highest boost pressure, for instance to compare supplies.
 
     Args:
@@ -318,7 +318,7 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
 
     Returns:
         One string `path: sentence` for each position beyond its limits. If the number of positions
-        is wrong, only one string that says so.
+        is wrong, one string says so.
     """
     start = config.simulation.start_posture
     if len(start) != len(config.joints):

@@ -1,4 +1,4 @@
-"""Folders for results, created before the work, and files that are replaced as a whole."""
+"""Folders for results, created before the work, and replacement of files as a whole."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def make_parent_folder(file: Path, purpose: str) -> Path:
         `file`.
 
     Raises:
-        MhsbError: The path is a folder; something on the way to it is a file; or more than one
-            folder would have to be created.
+        MhsbError: The path is a folder, a parent of it is a file, or more than one folder would
+            have to be created.
     """
     if file.is_dir():
         raise MhsbError(f"{file} is a folder; name a file for {purpose}")

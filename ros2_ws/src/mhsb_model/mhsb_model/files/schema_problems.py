@@ -53,8 +53,8 @@ def describe_validation_errors(
 ) -> list[str]:
     """Describe each problem of a pydantic validation error in one sentence.
 
-    If a value in a list is wrong, pydantic also reports that the list is too short. That report is
-    left out.
+    If a value in a list is wrong, pydantic also reports that the list is too short. This second
+    report is left out.
 
     Args:
         error: Error that pydantic has raised.
@@ -63,7 +63,7 @@ def describe_validation_errors(
 
     Returns:
         One string `path: sentence` for each problem, with the dotted path in the file. The sentence
-        says what is wrong, names the limit and the value if there are any, and what to do.
+        says what is wrong and what to do, with limit and value if there are any.
     """
     items = error.errors()
     broken = {item["loc"][:length] for item in items for length in range(len(item["loc"]))}
@@ -87,7 +87,7 @@ def _format_path(loc: Sequence[str | int], model: type[BaseModel], path_prefix: 
         path_prefix: Path of the content if it is part of a larger file, else empty.
 
     Returns:
-        Path such as `joints.0.link.mass`; "the file" if it is empty.
+        Path such as `joints.0.link.mass`; "the file" for an empty location.
     """
     named, at = [path_prefix] if path_prefix else [], [model]
     for part in loc:
@@ -103,8 +103,7 @@ def _format_path(loc: Sequence[str | int], model: type[BaseModel], path_prefix: 
 def _describe_problem(item: Any, model: type[BaseModel]) -> str:
     """Describe one problem of a validation error: the rule, the value, and what to do.
 
-    If the error type has no sentence here, pydantic's message is returned in lower case, followed
-    by the value.
+    For an unknown error type, pydantic's message is returned in lower case, followed by the value.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`.
@@ -147,10 +146,10 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
 
 
 def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
-    """Describe a number beyond its limit, and suggest another unit if that may be meant.
+    """Describe a number beyond its limit, and suggest another unit if the user may have meant it.
 
-    A unit is suggested if the number, converted from it, is within the limit. A number without
-    unit is taken for a share, which may be meant in percent, if its limit is 1 or less.
+    A unit is suggested if the number, read in this unit, is within the limit. A number without unit
+    counts as a share, possibly given in percent, if its limit is 1 or less.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`, of a type in LIMIT_ERRORS.
@@ -227,7 +226,7 @@ def _find_unit(field: FieldInfo | None) -> str:
 
     Returns:
         The last expression in square brackets, with a leading space. Empty if there is none, or if
-        it is a dash for a number without unit.
+        it is a dash, which stands for no unit.
     """
     units = re.findall(r"\[([^\[\]]+)\]", (field.description or "") if field else "")
     return f" {units[-1]}" if units and units[-1] not in "–-" else ""
@@ -236,7 +235,7 @@ def _find_unit(field: FieldInfo | None) -> str:
 def _locate_field(
     model: type[BaseModel], loc: Sequence[str | int]
 ) -> tuple[list[type[BaseModel]], FieldInfo | None]:
-    """Find the field to which a location in the content belongs, and the models of its value.
+    """Find the field at a location in the content, and the models of its value.
 
     Args:
         model: Model against which the content was validated.
@@ -271,8 +270,8 @@ def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> li
         part: Key, or a list index. For an index, `models` is returned.
 
     Returns:
-        Models; empty for a plain value. If no model declares the key: the models that `models`
-        prescribe for undeclared keys; empty if they allow no such keys.
+        Models; empty for a plain value. If no model declares the key, the models for undeclared
+        keys; empty if undeclared keys are not allowed.
     """
     if isinstance(part, int):
         return list(models)

@@ -8,7 +8,7 @@ from mhsb_model.errors import MhsbError
 
 
 class ValuePathError(MhsbError):
-    """Error for a path that does not exist; `valid` lists the valid names where it fails."""
+    """Error for a path that does not exist; `valid` lists the valid names at the missing part."""
 
     def __init__(self, path: str, part: str, valid: list[str]) -> None:
         """Make the message from the path, the part that does not exist, and the valid names.
@@ -16,7 +16,7 @@ class ValuePathError(MhsbError):
         Args:
             path: Whole path, such as `joints.0.link.mass`.
             part: The part of `path` that does not exist.
-            valid: Keys or indices that exist at this place; empty for a plain value.
+            valid: Keys or indices that exist in place of `part`; empty below a plain value.
         """
         self.path = path
         self.valid = valid
@@ -54,7 +54,8 @@ def set_value(content: Any, path: str, value: Any) -> None:
         value: New value.
 
     Raises:
-        ValuePathError: A part is no index of its list, or stands below a single value.
+        ValuePathError: A part of the path is not an index of its list, or has a single value above
+            it.
     """
     *way, last = path.split(".")
     for part in way:

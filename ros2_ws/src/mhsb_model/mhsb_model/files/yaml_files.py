@@ -1,7 +1,7 @@
-"""Read YAML files that users name, as plain values, or refuse them without repeating their content.
+"""Reading of YAML files that users name; errors do not repeat the content of a file.
 
-A wrong path may lead to anything, even to a password file. An error message may be sent on over ROS
-or end up in a log.
+A wrong path may lead to any file, even one with passwords. An error message may be sent over ROS or
+end up in a log.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import yaml
 from mhsb_model.errors import MhsbError
 
 LARGEST_FILE = 256 * 1024
-"""Largest size of a file that is read [B]; the suite's own machine file has 12 thousand."""
+"""Largest size of a file that is read [B]; the suite's own machine file has 12 kB."""
 
 MOST_VALUES = 100_000
 """Largest number of values in a file, with the contents of its anchors counted at each use."""
@@ -25,17 +25,18 @@ MOST_VALUES = 100_000
 LONGEST_NUMBER = 64
 """Largest number of characters of a number.
 
-A float written out in full has 24. Whole numbers of any base, 60 included, then stay below 1e77 and
-can be compared and printed at once."""
+A float in full precision has 24 characters. Whole numbers of 64 characters are below 1e77 in any
+base that YAML knows, so they are compared and printed without delay.
+"""
 
 VALUE_ERRORS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
 """Errors that PyYAML raises for values that do not fit their tag, such as a date with month 13."""
 
 OF_TOKENS = re.compile(r"expected [^']*('<[a-z ]+>')?, but found '<[a-z ]+>'")
-"""Messages of PyYAML that quote only its own token names, and so may be repeated whole."""
+"""Messages of PyYAML that quote only its own token names, so they may be repeated in full."""
 
 PLAIN_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}")
-"""Keys that messages repeat: plain names, which are no secrets."""
+"""Keys that messages may repeat: plain names, which are not secret."""
 
 QUOTED_PATTERN = re.compile(r"(['\"]).{3,}\1|!\S+")
 """Parts of PyYAML's messages that repeat content of the file: quoted text and tags."""
@@ -57,7 +58,7 @@ class YamlFileError(MhsbError):
 
 
 class YamlTextError(MhsbError):
-    """Error for a text that cannot be read as YAML; `reason` says why, without repeating it."""
+    """Error for a text that cannot be read as YAML; `reason` does not repeat the text."""
 
     def __init__(self, reason: str) -> None:
         """Make the message from the reason.
@@ -207,7 +208,7 @@ def _read_text(path: Path) -> str:
 
 
 def _open_without_blocking(path: str, flags: int) -> int:
-    """Open a file at once, even a pipe that has no writer (an `opener` of `open`).
+    """Open a file without waiting, even a pipe that has no writer (`opener` of `open`).
 
     Args:
         path: File to open.
@@ -291,7 +292,7 @@ def _describe_yaml_error(error: Exception) -> str:
         error: Error that PyYAML has raised.
 
     Returns:
-        Text such as `line 3, column 5: mapping values are not allowed here`. Without position if
+        Text such as `line 3, column 5: mapping values are not allowed here`; without position if
         the error has none.
     """
     mark = getattr(error, "problem_mark", None)

@@ -3,8 +3,8 @@
 The tip position leaves one degree of freedom, the end-link angle ψ = q₁ + q₂ + q₃. For a given ψ
 the first two links form a triangle with the wrist, which has two elbow branches.
 
-For a chain with more joints the functions apply to its last three. Tip and ψ are then given in the
-frame of the link before these (`tip_postures.transform_tip_to_outer_frame`).
+In a chain with more joints, the functions apply to the last three joints. Tip and ψ are then given
+in the frame of the link before these joints (`tip_postures.transform_tip_to_outer_frame`).
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ def solve_last_three_joints(
         c = (|w|² − L₁² − L₂²)/(2 L₁ L₂),   q₂ = ±acos c
 
     w is the wrist, the beginning of the last link. L₁, L₂, L₃ are the lengths of the last three
-    links, and q₂ is the angle of the second of their joints. Whole turns are added to each angle,
-    so that it is within half a turn of the middle of its joint's range.
+    links, and q₂ is the angle of the second-last joint. Whole turns are added to each angle, so
+    that it is within half a turn of the middle of its joint's range.
 
     Args:
         m: Planar machine with n ≥ 3 joints. The last three joints are revolute.
         x: Tip position relative to the third-last joint, along the link before that joint [m].
         z: Tip position across that link [m].
-        psi: End-link angle ψ, from the direction of that link [rad].
+        psi: End-link angle ψ, relative to the direction of that link [rad].
         elbow: Elbow branch, the sign of q₂: −1 or 1.
         q: Joint angles, float64[n], [rad]. The last three are written in place if there is a
             solution.

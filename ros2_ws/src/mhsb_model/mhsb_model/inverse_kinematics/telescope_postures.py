@@ -1,12 +1,12 @@
 """Postures with the tip at a point, for chains in which some joints slide (telescopes).
 
-With three or more revolute joints, even samples of each telescope's extension are held. The rest is
-a chain of revolute joints with longer links (`tip_postures.find_postures`). With two revolute
+With three or more revolute joints, each telescope is held at evenly spaced extensions. What remains
+is a chain of revolute joints with longer links (`tip_postures.find_postures`). With two revolute
 joints, a given end-link angle ψ determines both joint angles, and the extension s of the last
 telescope closes the chain:
 
-    |t − (D₂ + s) e(ψ)| = D₁         if it slides beyond both revolute joints
-    |t − D₂ e(ψ)| = D₁ + s           if it slides between them
+    |t − (D₂ + s) e(ψ)| = D₁ if it slides beyond both revolute joints |t − D₂ e(ψ)| = D₁ + s if it
+    slides between them
 
 with the tip t, e(ψ) = (cos ψ, sin ψ), and the lengths D₁ and D₂ of the links before and from the
 second revolute joint, without s.
@@ -39,8 +39,8 @@ def find_telescope_postures(m: MachineArrays, x: float, z: float, psi: FloatArra
     Each telescope's extension takes INNER_SAMPLES evenly spaced values from limit to limit, in all
     combinations. There are two special cases. If only two joints are revolute, the last telescope
     is not sampled: its extension follows from the tip position. If more than three joints are
-    revolute, the angles of all but the last three are sampled, too. So the result is complete only
-    if nothing is sampled: with two revolute joints and one telescope.
+    revolute, the angles of all but the last three are also sampled. So the result is complete only
+    with two revolute joints and one telescope, since nothing is sampled then.
 
     Args:
         m: Planar machine (without a slewing joint), with at least one telescope.
@@ -133,9 +133,9 @@ def _find_postures_closed_by_telescope(
 def hold_extensions(m: MachineArrays, extension: FloatArray) -> MachineArrays:
     """Return the chain of revolute joints that is left if all telescopes are held.
 
-    Each telescope becomes a part of the link before it. The fields `turns`, `slides`,
-    `link_length`, `joint_min` and `joint_max`, which inverse kinematics reads, belong to the
-    shorter chain. All other fields still belong to the whole chain.
+    Each telescope becomes a part of the link before. The fields `turns`, `slides`, `link_length`,
+    `joint_min` and `joint_max`, which inverse kinematics reads, belong to the shorter chain. All
+    other fields still belong to the whole chain.
 
     Args:
         m: Planar machine (without a slewing joint).

@@ -42,7 +42,7 @@ INNER_SAMPLES = 24
 """Number of samples of each inner joint's angle and of each held telescope's extension."""
 
 COSINE_TOLERANCE = 1e-12
-"""Excess of a cosine over ±1 that counts as rounding of a triangle that is stretched out."""
+"""Excess of a cosine over ±1 that counts as rounding, as in a stretched-out triangle."""
 
 
 @kernel(borrows=True)
@@ -51,7 +51,8 @@ def transform_tip_to_outer_frame(
 ) -> tuple[float, float, float]:
     """Transform the tip position into the frame of the link before the last three joints.
 
-    This frame has its origin at the third-last joint and its first axis along the link before it.
+    This frame has its origin at the third-last joint. Its first axis is along the link before that
+    joint.
 
     Args:
         link_length: Length of each link, float64[n], [m].
@@ -224,8 +225,8 @@ def close_chain(
         z: Tip position up [m].
         i: Index of the first joint that moves.
         j: Index of the second joint that moves, j > i.
-        side: Solution, −1 or 1. `find_closure_side` returns the one that a given posture has. If
-            both joints slide, there is only the solution 1.
+        side: Solution, −1 or 1. `find_closure_side` returns the side of a given posture. If both
+            joints slide, only 1 is valid.
         q: Posture, float64[n], [rad or m]. q[i] and q[j] are written in place; they may be
             overwritten even if there is no solution.
 
@@ -441,8 +442,8 @@ def solve_posture_with_held_joints(
         z: Tip position up [m].
         moved: Indices i < j of the two joints that move.
         held_positions: Positions of all other joints in joint order, float64[n - 2], [rad or m].
-        side: Selects one of up to two solutions, −1 or 1. `find_closure_side` returns the one that
-            a posture has. If both joints slide, the only valid side is 1.
+        side: Selects one of up to two solutions, −1 or 1. `find_closure_side` returns the side of a
+            given posture. If both joints slide, only 1 is valid.
         q: Posture, float64[n], overwritten in place, even if there is no solution [rad or m].
 
     Returns:
@@ -508,9 +509,9 @@ def find_nearest_posture(
 ) -> bool:
     """Find a posture with the tip at a point by moving two joints of a given posture.
 
-    All pairs of joints are tried. The other joints keep their given positions, or the nearest limit
-    if these are outside the limits. For each solution the largest change of a joint is computed,
-    where 1 m counts as 1 rad. The solution for which it is smallest is the result.
+    All pairs of joints are tried. The other joints keep their given positions; a position outside
+    its limits becomes the nearest limit. For each solution the largest change of a joint is
+    computed, where 1 m counts as 1 rad. The solution with the smallest such change is the result.
 
     Args:
         m: Planar machine (without a slewing joint).

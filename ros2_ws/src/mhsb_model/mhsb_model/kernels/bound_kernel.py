@@ -20,8 +20,8 @@ def bind_kernel(kernel: Any, *arguments: Any, integer_count: int = 0) -> Callabl
 
     Args:
         kernel: Kernel to bind.
-        *arguments: Its first arguments, as many as shall be bound.
-        integer_count: Number of its remaining arguments. All of them must be integers (int64).
+        *arguments: First arguments of the kernel, which are bound.
+        integer_count: Number of the kernel's remaining arguments, which must be integers (int64).
 
     Returns:
         Function that takes the remaining integer arguments and returns the kernel's result.

@@ -1,8 +1,8 @@
-"""Folder of the compiled kernels, whose name depends on the sources that they are compiled from.
+"""Folder of the compiled kernels; its name depends on the sources of the kernels.
 
-Numba checks only the file that a kernel is in. After a change to a constant, or to a called kernel
-in another file, it would silently use the old machine code. So the folder's name is a fingerprint
-of all files of the suite that contain kernels, constants for them, or the decorator.
+Numba checks only the file that a kernel is in. After a change to a constant or a called kernel in
+another file, numba would silently use old machine code. So the folder's name is a fingerprint of
+all files of the suite that contain kernels, constants for them, or the decorator.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ FOLDER_CAPACITY = 3
 IN_USE = 86400.0
 """Time since its last use after which a cache folder may be deleted [s].
 
-A process that compiles into a folder used since then may still be running."""
+A process may still be compiling into a folder that was used more recently.
+"""
 
 MIN_FREE_SPACE = 64 * 2**20
 """Free disk space required for the cache [B]; all kernels of one checkout take 32 MiB."""
@@ -67,7 +68,7 @@ def set_kernel_cache_folder() -> None:
 
     If NUMBA_CACHE_DIR is already set, its folder is taken. Otherwise it is `kernel_cache_folder()`,
     and old cache folders beside it are deleted. If the folder cannot be written, a folder among the
-    temporary files takes its place. If that cannot be written either, kernels are not kept. In both
+    temporary files takes its place. If this cannot be written either, kernels are not kept. In both
     cases a warning is logged, once for a process and its children.
 
     It must be called before the first kernel is defined.
@@ -110,7 +111,7 @@ def kernel_cache_folder() -> Path:
 
 @cache
 def fingerprint_of_kernel_sources() -> str:
-    """Return the fingerprint of `kernel_sources()`; a process reads the files only once."""
+    """Return the fingerprint of `kernel_sources()`; each process computes it only once."""
     return fingerprint(kernel_sources())
 
 
@@ -225,8 +226,9 @@ def _create_spare_folder(wanted: Path) -> Path:
 def _delete_old_folders(current: Path) -> None:
     """Mark a cache folder as used now, and delete old folders beside it.
 
-    The FOLDER_CAPACITY newest folders are kept, and all that were used within the last IN_USE
-    seconds. Deleting a folder that is still needed costs only a compilation. Errors are ignored.
+    The FOLDER_CAPACITY newest folders are kept, and all folders that were used within the last
+    IN_USE seconds. Deleting a folder that is still needed costs only a compilation. Errors are
+    ignored.
 
     Args:
         current: Cache folder that this process uses.

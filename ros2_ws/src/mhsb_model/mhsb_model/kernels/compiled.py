@@ -1,13 +1,13 @@
 """Compilation of kernels by numba, imported when a kernel is first called.
 
-Kernels are compiled by `numba.njit` with fixed options. They release the interpreter lock, divide
-as NumPy does, and are cached on disk. Checking each divisor for 0, as Python does, more than
-doubles the time of a loop that divides.
+Kernels are compiled by `numba.njit` with fixed options. Kernels release the interpreter lock,
+divide as NumPy does, and are cached on disk. If each divisor were checked for 0, as in Python, a
+loop that divides would take more than twice as long.
 
 This module also shortens compilation. Numba makes each kernel callable from Python and from C and
-optimizes it fully. Most kernels are only called by other kernels, into which they are linked and
-optimized again. So each kernel has two dispatchers. Calls by other kernels use the inner one, whose
-versions are lightly optimized and have no wrappers.
+optimizes it fully. Most kernels are only called by other kernels. They are linked into the caller
+and optimized again there. So each kernel has two dispatchers. Calls by other kernels use the inner
+one, whose versions are lightly optimized and have no wrappers.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from mhsb_model.kernels.shared_cache import SharedDispatcher  # noqa: E402
 
 
 class KernelType(types.Dispatcher):
-    """Numba type of a kernel that another kernel calls: that of its inner dispatcher."""
+    """Numba type of a kernel that another kernel calls, through the kernel's inner dispatcher."""
 
     def __init__(self, kernel: Any) -> None:
         """Create the type.
@@ -73,7 +73,7 @@ register_model(KernelType)(models.OpaqueModel)
 
 
 def _as_read_only(kind: Any) -> Any:
-    """Return the numba type of read-only arrays if a type is that of arrays, else the type."""
+    """Return the read-only variant of a numba array type, and any other type unchanged."""
     return kind.copy(readonly=True) if isinstance(kind, types.Array) else kind
 
 
@@ -82,7 +82,8 @@ def register_kernel_class(kind: type) -> None:
     """Tell numba that instances of a class are kernels, which other kernels may call.
 
     Args:
-        kind: Class `Kernel`; subclasses are included. Its module imports this one, not the reverse.
+        kind: Class `Kernel`; subclasses are included. This module cannot import the class, since
+            the class's module imports this module.
     """
     typeof_impl.register(kind)(lambda kernel, _: KernelType(kernel))
 

@@ -2,8 +2,8 @@
 
 If an array is assigned to a slice or a row, numba checks the shapes. It compiles the error message
 for unequal shapes, with all its formatting of text, into each kernel with such an assignment.
-Kernels that call such a kernel get the message too. Compiling it takes more time than compiling
-most kernels.
+Kernels that call such a kernel get the message too. Compiling the message takes longer than
+compiling most kernels.
 """
 
 from __future__ import annotations

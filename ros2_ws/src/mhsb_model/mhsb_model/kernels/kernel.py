@@ -3,8 +3,8 @@
     @kernel
     def tip_x(length: FloatArray, q: FloatArray) -> float: ...
 
-Numba is imported when the first kernel is called, since its import takes half a second. Many
-commands call no kernel, for example if they print their help or refuse their arguments.
+Numba is imported when the first kernel is called, since its import takes half a second. A command
+that prints its help or refuses its arguments calls no kernel.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Any
 
 _making = Lock()
-"""Held while a kernel's dispatcher is created, so that each kernel gets only one."""
+"""Lock that is held while a dispatcher is created, so that it is created only once."""
 
 
 class Kernel:
@@ -42,8 +42,7 @@ class Kernel:
 
         A version is the code for one combination of argument types. It is compiled, or loaded from
         the disk, while the kernel's file lock is held. So other processes wait instead of compiling
-        it too. If the version cannot be stored on disk, this is logged, and the version is used
-        from memory.
+        the version too. If it cannot be stored on disk, this is logged, and it is used from memory.
         """
         return self._run(*arguments, **named)
 

@@ -1,12 +1,12 @@
-"""The suite's only use of what numba does not document: a smaller file format of kernels.
+"""A smaller file format of compiled kernels; the suite's only use of undocumented numba.
 
-Numba stores a kernel's LLVM bitcode beside its machine code, to link it into other kernels, and
-every load reads both. Other kernels are linked with the inner version instead, so the bitcode of
-the version that Python calls is never used. Without it, a planner's kernels load in 1.5 s instead
-of 2.3 s of processor time. Numba's public interface has no option for that.
+Numba stores a kernel's LLVM bitcode beside its machine code, so that the kernel can be linked into
+other kernels. Every load reads both. Other kernels are linked with the inner version, so the
+bitcode of the version that Python calls is never used. Without this bitcode, a planner's kernels
+load in 1.5 s instead of 2.3 s of processor time. Numba has no option for that.
 
-A release of numba without these attributes stores and loads its own format, which takes the longer
-time. `test_machine_code.py` then fails.
+If a release of numba lacks the attributes that this module uses, numba's own, slower format is
+used, and `test_machine_code.py` fails.
 """
 
 from __future__ import annotations

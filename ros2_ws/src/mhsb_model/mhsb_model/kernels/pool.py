@@ -1,9 +1,9 @@
 """Compilation of all kernels ahead of their use, in one process for each processor.
 
-The caller lists functions without arguments that call the kernels, as `MODULE:FUNCTION`. Each is a
-part of the work. The processes take one part after the other and share compiled kernels through the
-cache. If two processes need the same kernel, one of them waits (`shared_cache`). So nodes that
-start together compile each kernel only once.
+The caller lists functions without arguments that call the kernels, as `MODULE:FUNCTION`. Each
+process takes one function after the other. The processes share compiled kernels through the cache.
+If two processes need the same kernel, one of them waits (`shared_cache`). So nodes that start
+together compile each kernel only once.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ _log = logging.getLogger(__name__)
 def compile_ahead(
     parts: Sequence[str], report_progress: Callable[[str], None] | None = None
 ) -> None:
-    """Compile all kernels that the given functions call, as far as they are not in the cache yet.
+    """Compile all kernels that the given functions call, unless they are in the cache already.
 
     Worker processes call the functions; each processor has one worker. A marker file in the cache
     records each function that has succeeded, so repeated calls return quickly. If the cache cannot
-    be written, nothing is done. If a function fails, this is logged and no error is raised: whoever
-    calls its kernels later compiles them and sees the error.
+    be written, nothing is done. If a function fails, this is only logged. A later call of its
+    kernels compiles them and raises the error.
 
     Args:
         parts: Functions without arguments that call the kernels, as `MODULE:FUNCTION`.
         report_progress: Function that gets a line of text at the start and after each function.
-            None shows a progress bar, without a terminal one line on stderr.
+            None shows a progress bar; without a terminal, it prints one line on stderr.
     """
     cache_folder.set_kernel_cache_folder()
     if cache_folder.find_write_problem(Path(os.environ[cache_folder.CACHE_VARIABLE])):
@@ -77,7 +77,7 @@ class _LineProgress:
         self._say, self._total = say, total
 
     def update(self, done: int) -> None:
-        """Report the number of parts that are done."""
+        """Report the number of functions that are done."""
         self._say(f"compiling kernels, which happens once: {done} of {self._total} parts")
 
 
@@ -109,8 +109,8 @@ def _find_marker_files(parts: Sequence[str]) -> dict[str, Path]:
 
     The file exists if the kernels that the function calls are in the cache. The file's name is a
     hash of the function's name, all kernel sources, their folder, the Python version and the
-    processor. The folder matters, since numba identifies kernels by it, too. NUMBA_CACHE_DIR must
-    be set.
+    processor. The folder is included because numba identifies kernels by it, too. NUMBA_CACHE_DIR
+    must be set.
 
     Args:
         parts: Functions as `MODULE:FUNCTION`.
@@ -124,7 +124,7 @@ def _find_marker_files(parts: Sequence[str]) -> dict[str, Path]:
     sources = cache_folder.fingerprint_of_kernel_sources()
 
     def marker_file(part: str) -> Path:
-        """Return the marker file of one part in the cache folder."""
+        """Return the marker file of one function in the cache folder."""
         words = (part, sources, __file__, sys.version, binding.get_host_cpu_name())
         return folder / f"complete-{hashlib.sha256(repr(words).encode()).hexdigest()[:16]}"
 
@@ -154,9 +154,9 @@ def _call_in_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:
 def _serve_queue(waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[str, str]]) -> None:
     """Pass functions from a queue to one worker process, until the queue is empty.
 
-    It runs in a separate thread. The worker process is started for the first function. If it dies,
-    the function that it was running counts as failed, and the next function gets a new worker. At
-    the end the worker is stopped.
+    This function runs in a thread of its own. The worker process is started for the first function
+    from the queue. If the worker dies, the function that it was running counts as failed, and the
+    next one gets a new worker. At the end the worker is stopped.
 
     Args:
         waiting: Functions that are not started yet, as `MODULE:FUNCTION`; shared by all threads.
@@ -181,8 +181,8 @@ def _serve_queue(waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[
 def _start_worker() -> subprocess.Popen[str]:
     """Start a worker process that calls functions by name, connected by pipes.
 
-    SIGINT, SIGTERM and SIGHUP stay blocked in the worker. It ends when its input is closed, and so
-    with this process.
+    SIGINT, SIGTERM and SIGHUP stay blocked in the worker. The worker ends when its input is closed,
+    which also happens when this process ends.
 
     Returns:
         The running process, with text pipes to its input and from its output.

@@ -1,8 +1,8 @@
 """Cache of compiled kernels on disk, shared by several processes and safe against damaged files.
 
-The first process that misses a kernel in the cache compiles it. Other processes that miss it
-meanwhile wait and then load it. So nodes that start together, and the processes of `pool`, share
-the work without knowing of each other. A damaged file counts as missing.
+The first process that misses a kernel in the cache compiles it. Other processes that need it
+meanwhile wait, and then load it. So nodes that start together share the work, as do the processes
+of `pool`. A damaged file counts as missing.
 
 A compiled version of a kernel belongs to one combination of argument types and has its own file.
 Numba reads and writes these files. Each dispatcher has its own folder, to which this module adds a
@@ -26,7 +26,9 @@ from numba import errors
 from mhsb_model.kernels.cache_folder import LOGGED_VARIABLE
 
 LONGEST_WAIT = 120.0
-"""Longest time to wait for another process's compilation, which may have been stopped [s]."""
+"""Longest time to wait for another process's compilation, since that process may have been stopped
+[s].
+"""
 
 LOCK_NAME = "kernel.lock"
 """Name of the file that a process locks while it compiles or loads the kernel."""
@@ -114,7 +116,7 @@ class SharedDispatcher:
         this process or in a parent of it.
 
         Args:
-            error: Error that has prevented it.
+            error: Error that has prevented the storing.
         """
         if not SharedDispatcher._storing_has_failed and not os.environ.get(LOGGED_VARIABLE):
             _log.warning("compiled kernels cannot be kept in %s: %s", self._folder, error)
@@ -123,8 +125,8 @@ class SharedDispatcher:
     def _check_versions(self, folder: Path) -> None:
         """Delete the compiled versions of the kernel whose files are damaged.
 
-        A version is the kernel compiled for one combination of argument types. Its file is damaged
-        if its hash differs from the recorded one. A version without a recorded hash is trusted, and
+        A version is the kernel compiled for one combination of argument types. A file is damaged if
+        its hash differs from the recorded hash. A version without a recorded hash is trusted, and
         its hash is recorded.
 
         Args:

@@ -1,7 +1,7 @@
 """Sorting inside kernels.
 
-Numba's own `ndarray.sort` is compiled again with each kernel that calls it. That takes a second,
-longer than most kernels take.
+Numba's own `ndarray.sort` is compiled again with each kernel that calls it. This takes a second,
+longer than compiling most kernels.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Process that compiles kernels for another one: `python -m mhsb_model.kernels.worker`.
 
 It reads one function per line from its input, as `MODULE:FUNCTION`, and calls it. The answer is one
-line: empty, or an error message. The process ends as soon as its input ends.
+line: empty for success, else an error message. The process ends as soon as its input ends.
 
 Numba creates millions of objects that live as long as the process. Python's garbage collector would
 visit them again and again, for an eighth of the processor time, so it only runs between functions.

@@ -33,7 +33,7 @@ SIDE_SIGNS = {"left": 1.0, "right": -1.0}
 """Sign σ by the side of the line R → C on which the rocker tip P lies."""
 
 SMALLEST_SINE = 1e-3
-"""Lower bound on |sin μ|, so that results stay finite where the linkage cannot be assembled."""
+"""Lower bound on |sin μ|, so that results stay finite if the linkage cannot be assembled."""
 
 SMALLEST_DISTANCE = 1e-6
 """Lower bound on distances [m], so that results stay finite in singular positions."""
@@ -45,8 +45,8 @@ def list_row_numbers(linkage: FourBar) -> list[float]:
     The order is: rocker pivot (x, z) and cylinder pin (x, z) [m]; lengths of rocker and coupler
     [m]; +1 or −1 for the rocker tip to the left or right of the line from rocker pivot to child
     pin; child pin (x, z) at q = 0 [m]. Points are in the parent link's frame with the origin at the
-    joint. Kernels take a row of numbers that begins with the kind of linkage. This first number is
-    not included.
+    joint. Kernels take a row of numbers that begins with the kind of linkage. The result does not
+    include the kind.
 
     Args:
         linkage: Four-bar of a machine file.

@@ -2,10 +2,11 @@
 
 A linkage is one row of `LINKAGE_WIDTH` numbers with its kind first, so that kernels can take the
 linkages of all joints as one array. The moment arm is r = dL/dq, so τ = r F and the piston speed is
-r q̇. It is negative if extension turns the joint in the negative direction.
+r q̇. r is negative if extension turns the joint in the negative direction.
 
-The equations are in `slider_crank` and `four_bar`. A `LINEAR_LINKAGE` has L = L₀ + r q. It stands
-for the cylinder of a telescope, with q in m and r = 1, and for a slew, with its pitch radius r.
+The equations are in `slider_crank` and `four_bar`. A `LINEAR_LINKAGE` has L = L₀ + r q. It
+describes the cylinder of a telescope, with q in m and r = 1, and the drive of a slew, with the
+pitch radius r.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ def evaluate_linkage_at_cosine(
 ) -> tuple[float, float, float]:
     """Compute cylinder length, moment arm and its slope from cosine and sine of the angle.
 
-    Use it if cosine and sine are known already. The linkage must be a slider-crank or a four-bar;
-    the result for telescopes and slews would be wrong.
+    The linkage must be a slider-crank or a four-bar; the result for telescopes and slews would be
+    wrong. If cosine and sine are known already, this is faster than `evaluate_linkage`.
 
     Args:
         linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
@@ -154,8 +155,8 @@ def find_joint_angle(
 
     The moment arm must keep its sign between the limits, so there is at most one such position.
     Newton's method starts from `guess`. If a step leaves the interval in which the solution must
-    lie, the interval is halved instead. After a last step of length d < LAST_STEP the error is
-    about d² r′/(2r), with the moment arm r and its slope r′.
+    lie, the interval is halved instead. The last step has a length d < LAST_STEP; the remaining
+    error is about d² r′/(2r), with the moment arm r and its slope r′.
 
     Args:
         linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
@@ -165,8 +166,8 @@ def find_joint_angle(
         guess: First estimate, limited to lower … upper [rad or m].
 
     Returns:
-        Joint position [rad or m]. If no position within the limits has this length, it is the limit
-        whose length is nearer.
+        Joint position [rad or m]. If no position within the limits has this length, the result is
+        the limit whose length is nearer.
     """
     q = min(upper, max(lower, guess))
     below, above = lower - 1.0, upper + 1.0

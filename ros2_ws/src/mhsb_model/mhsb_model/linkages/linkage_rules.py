@@ -16,7 +16,9 @@ from mhsb_model.types import FloatArray
 SMALLEST_ARM_RATIO = 0.25
 """Least ratio of the smallest to the largest moment arm within a joint's limits.
 
-The velocity polytope grows without bound as the arm vanishes, which would draw postures there."""
+As the moment arm vanishes, the velocity polytope grows without bound. Planners would then prefer
+such postures.
+"""
 
 SMALLEST_TRANSMISSION_ANGLE = math.radians(20.0)
 """Least angle between the lines of rocker and coupler [rad].
@@ -49,9 +51,9 @@ def check_linkages(config: MachineConfig) -> list[str]:
 def _check_assembly(path: str, joint: AnyJoint) -> list[str]:
     """Check that a four-bar can be assembled and stays away from its locking position.
 
-    It locks if rocker and coupler are in one line. The angle between their lines must be at least
-    SMALLEST_TRANSMISSION_ANGLE for all joint angles of a grid between the limits. Only the joint
-    angle with the worst value is reported. Other kinds of linkages have no such rule.
+    The four-bar locks if rocker and coupler are in one line. The angle between their lines must be
+    at least SMALLEST_TRANSMISSION_ANGLE for all joint angles of a grid between the limits. Only the
+    joint angle with the worst value is reported. Other kinds of linkages have no such rule.
 
     Args:
         path: Path of the joint in the file, such as `joints.0`.

@@ -18,7 +18,7 @@ from mhsb_model.schema import SliderCrank
 from mhsb_model.types import FloatArray
 
 SMALLEST_LENGTH = 1e-9
-"""Lower bound on the cylinder length [m], so that results stay finite where the pins coincide."""
+"""Lower bound on the cylinder length [m], so that results stay finite if the pins coincide."""
 
 
 def list_row_numbers(linkage: SliderCrank) -> list[float]:
@@ -26,7 +26,7 @@ def list_row_numbers(linkage: SliderCrank) -> list[float]:
 
     u and v are the distances of both pins, on the parent and the child link, from the joint's axis.
     θ₀ is the angle between the pins at q = 0. Kernels take a row of numbers that begins with the
-    kind of linkage. This first number is not included.
+    kind of linkage. The result does not include the kind.
 
     Args:
         linkage: Slider-crank of a machine file.
@@ -43,7 +43,7 @@ def list_row_numbers(linkage: SliderCrank) -> list[float]:
 def evaluate_slider_crank(
     row: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float]:
-    """Compute cylinder length, moment arm and its slope of a slider-crank at a joint angle.
+    """Compute cylinder length, moment arm and slope of the moment arm of a slider-crank.
 
         L = √(u² + v² − 2 u v cos θ),  r = u v sin θ / L,  dr/dq = (u v cos θ − r²) / L
 

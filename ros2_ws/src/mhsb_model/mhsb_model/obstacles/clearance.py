@@ -1,19 +1,19 @@
-"""Distance of the arm from the obstacles that it must keep clear of.
+"""Distance of the arm from its obstacles.
 
 A link is a capsule: all points within its radius of the line between its joints. The clearance of
 an obstacle is the least signed distance of the link's line from it, minus the link's radius. Inside
 an obstacle the signed distance is negative: max(x_min − x, x − x_max, z_min − z, z − z_max) for a
 box, |p − c| − R for a circle.
 
-The clearance changes by no more than the arm's points move. So the clearances at both ends of a
-move bound the clearance in between:
+A move changes the clearance by no more than the distance that the arm's points move. So the
+clearances at both ends of a move bound the clearance in between:
 
     clearance ≥ (c_start + c_end − D) / 2,   D = Σ_k L_k |Σ_{j ≤ k} Δq_j|
 
 This holds if all joints move in proportion. If they do not, but none reverses, Σ_{j ≤ k} |Δq_j|
-takes the place of |Σ_{j ≤ k} Δq_j|. A joint k that slides turns nothing and adds |Δq_k| to D, and
-L_k is its longer length. A slew adds (a + Σ_k L_k) |Δq_1|, with joint 2 at a distance a ahead of
-its axis.
+takes the place of |Σ_{j ≤ k} Δq_j|. A joint k that slides turns nothing and adds |Δq_k| to D; L_k
+is then the longer length of its link. A slew adds (a + Σ_k L_k) |Δq_1|, with joint 2 at a distance
+a ahead of its axis.
 
 Zones in space are given in `base_link`, all other obstacles in the arm's plane, which joint 1 turns
 if it slews. Obstacles are rows of numbers; `zones` describes the columns.
@@ -49,7 +49,8 @@ from mhsb_model.types import FloatArray, IntArray
 MIN_PART_TRAVEL = 1e-3
 """Travel below which a part of a move is not divided further [m].
 
-Within such a part the clearance is lower than at its ends by at most half of this value."""
+In such a part the clearance is at most half of this value lower than at the ends of the part.
+"""
 
 MAX_HALVINGS = 32
 """Largest number of times that a part of a move is halved."""
@@ -247,8 +248,8 @@ def row_clearance(
 
     A row names an obstacle, and the link (or the tip alone) that must keep clear of it. The
     clearance is the signed distance between the obstacle and the link's line, minus the value in
-    column RADIUS_COLUMN. This value is the link's radius, or 0 for the tip alone. In the rows of
-    `Obstacles.path_rows` a margin is added to it.
+    column RADIUS_COLUMN. This column has the link's radius, or 0 for the tip alone. In the rows of
+    `Obstacles.path_rows` it also includes a margin.
 
     Args:
         m: Machine with n joints.
@@ -319,8 +320,8 @@ def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[flo
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
         the signed distance of the point from the obstacle, minus the value in column RADIUS_COLUMN.
-        This value is the radius of the last link, or 0 in a row for the tip alone. In the rows of
-        `Obstacles.path_rows` the margin of discrete paths is added to it.
+        This column has the radius of the last link, or 0 in a row for the tip alone. In the rows of
+        `Obstacles.path_rows` it also includes the margin of discrete paths.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):
@@ -355,8 +356,8 @@ def tip_clearance_in_space(
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
         the signed distance of the point from the zone, minus the radius in column RADIUS_COLUMN.
-        This column has the radius of the last link, or 0 in a row for the tip alone. In
-        `Obstacles.path_rows` a margin is added in both cases.
+        This column has the radius of the last link, or 0 in a row for the tip alone. In the rows of
+        `Obstacles.path_rows` it also includes a margin.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):
@@ -429,7 +430,7 @@ def compute_leeway(
     """Compute by how much each row's clearance in a posture falls short of a required clearance.
 
     This shortfall is the leeway of the row. If an arm starts in an obstacle, the leeway is added to
-    all later clearances. So the arm can leave the obstacle without a collision being reported.
+    all later clearances. So no collision is reported while the arm leaves the obstacle.
 
     Args:
         m: Machine with n joints.
@@ -544,8 +545,8 @@ def move_is_clear(
     The move is halved again and again until all of its parts are proven clear. A part is proven
     clear if the clearances at both of its ends add up to at least D. D is an upper bound on how far
     any point of the arm moves in this part. A part with D up to MIN_PART_TRAVEL is not halved
-    further; clear ends are then enough. So an accepted move enters no obstacle by more than
-    MIN_PART_TRAVEL/2.
+    further, and counts as clear if both ends are clear. So an accepted move enters no obstacle by
+    more than MIN_PART_TRAVEL/2.
 
     If the arm starts in an obstacle, it may leave the obstacle but not move deeper into it.
 
@@ -559,8 +560,8 @@ def move_is_clear(
             in joint positions.
 
     Returns:
-        True if the move is clear. False if it is not, or if MAX_HALVINGS do not suffice to prove
-        it.
+        True if the move is clear. False if it is not clear, or if MAX_HALVINGS halvings do not
+        prove that it is clear.
     """
     if len(rows) == 0:
         return True

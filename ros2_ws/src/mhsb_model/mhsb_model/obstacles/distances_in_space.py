@@ -4,8 +4,8 @@ The signed distance of a point from a convex body is negative inside. It is |p �
 sphere. For a box or an upright cylinder let dᵢ be how far the point is beyond each face: the
 distance is the norm of the positive dᵢ, or the greatest dᵢ if none is positive.
 
-It is a convex function of the point, and so along a line, too. Golden-section search finds its
-least value.
+The distance is a convex function of the point, and therefore also along a line. Golden-section
+search finds its least value.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
 SECTION_STEPS = 26
 """Number of steps of the golden-section search.
 
-The remaining interval is 4e-6 of the line's length, and no distance is wrong by more than that."""
+The remaining interval is 4e-6 of the line's length, which is also the largest error of a distance.
+"""
 
 
 @kernel(borrows=True)
@@ -37,8 +38,8 @@ def compute_point_distance(rows: FloatArray, k: int, x: float, y: float, z: floa
         z: Point in `base_link`, up [m].
 
     Returns:
-        Distance from the surface [m], negative inside the zone. The radius of the link that must
-        keep clear, which the row also has, is not subtracted.
+        Distance from the surface [m], negative inside the zone. The link's radius, another column
+        of the row, is not subtracted.
     """
     kind = rows[k, KIND_COLUMN]
     if kind == SPACE_BOX_KIND:

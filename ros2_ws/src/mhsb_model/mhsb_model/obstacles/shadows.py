@@ -1,8 +1,8 @@
 """Shadows: projections of zones in space into the arm's plane while the slew turns it.
 
-A shadow covers the part of the plane that a zone takes at any slew angle between two given ones, in
-the plane's own coordinates. Joint 2 is at a distance a ahead of the slew's axis, and a point (x, y)
-is at ρ = √(x² + y²) from it.
+A shadow covers all points of the plane that are in a zone at any slew angle between two given
+angles, in the plane's own coordinates. Joint 2 is at a distance a ahead of the slew's axis. A point
+(x, y) has the distance ρ = √(x² + y²) from this axis.
 
 - The shadow of a sphere of radius R around (x, y, z) is the circle of radius R around (ρ − a, z).
 - The shadow of a box or cylinder is a rectangle: its heights, and its distances from the slew's
@@ -10,10 +10,10 @@ is at ρ = √(x² + y²) from it.
 
 A link of radius c must also keep clear of what lies beside its plane. So the sector is widened by
 asin(c/ρ₀) on both sides, with the zone's least distance ρ₀ from the axis. A point outside the
-sector is farther than ρ₀ sin(asin(c/ρ₀)) = c from the plane. A point inside has its image (ρ, z) in
-the shadow. Its distance from a point (r, z') of the plane is at least √((r − ρ)² + (z' − z)²). So a
-posture that keeps c from a shadow keeps c from its zone. The part of the plane behind the axis
-meets the zones of the opposite sector, mirrored.
+sector is farther than ρ₀ sin(asin(c/ρ₀)) = c from the plane. A point inside the sector has its
+image (ρ, z) in the shadow. The distance of such a point from a point (r, z') of the plane is at
+least √((r − ρ)² + (z' − z)²). So a posture that keeps c from a shadow keeps c from its zone. The
+part of the plane behind the axis meets the zones of the opposite sector, mirrored.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ def compute_shadows(
     link radii that include the margin of discrete paths.
 
     Args:
-        zones: Obstacles of the slewing arm; those in its plane are ignored.
+        zones: Obstacles of the slewing arm; obstacles in its plane are ignored.
         offset: Distance of joint 2 ahead of the slew's axis [m].
         start_angle: Slew angle at one end of the turn [rad].
         end_angle: Slew angle at the other end, in either order [rad].
 
     Returns:
         Obstacles for the planar part of the arm (`Machine.planar_arm`), without rows if no zone has
-        a shadow. `names` are all names of `zones`, also those without a shadow.
+        a shadow. `names` has the names of all `zones`, with or without a shadow.
     """
     rows, path_rows = [], []
     low, high = min(start_angle, end_angle), max(start_angle, end_angle)

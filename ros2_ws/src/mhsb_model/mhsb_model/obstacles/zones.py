@@ -32,8 +32,9 @@ KIND_COLUMN, LINK_COLUMN, SHAPE_COLUMN, RADIUS_COLUMN, OBSTACLE_COLUMN = 0, 1, 2
 """Columns of an obstacle row.
 
 KIND_COLUMN is the kind of obstacle. LINK_COLUMN is the index of the link that keeps clear of it, n
-for the tip alone. RADIUS_COLUMN is that link's radius [m]; if the obstacle is a link, too, the sum
-of both radii. OBSTACLE_COLUMN holds the number of the obstacle, an index into `Obstacles.names`.
+for the tip alone. RADIUS_COLUMN is the radius of this link [m], or the sum of both radii if the
+obstacle is also a link. OBSTACLE_COLUMN holds the number of the obstacle, an index into
+`Obstacles.names`.
 
 SHAPE_COLUMN is the first of up to six columns that give the shape [m]:
 
@@ -42,7 +43,8 @@ SHAPE_COLUMN is the first of up to six columns that give the shape [m]:
 - LINK_KIND: index of an earlier link
 - SPACE_BOX_KIND: x_min, y_min, z_min, x_max, y_max, z_max
 - CYLINDER_KIND: x, y, z_min, z_max, radius
-- SPHERE_KIND: x, y, z, radius"""
+- SPHERE_KIND: x, y, z, radius
+"""
 
 ROW_WIDTH = 10
 """Number of columns of an obstacle row."""
@@ -215,8 +217,8 @@ def _describe_zone_section(kind: str, numbers: Numbers, holds_for: HoldsFor) -> 
 
     Args:
         kind: Kind of the zone, such as `boxes`.
-        numbers: Numbers of its shape [m]. A box of four numbers is in the arm's plane, one of six
-            in space.
+        numbers: Numbers of the zone's shape [m]. A box of four numbers is in the arm's plane, a box
+            of six in space.
         holds_for: "arm" or "tip".
 
     Returns:
@@ -253,7 +255,7 @@ class Obstacles:
 
     @property
     def is_in_space(self) -> np.ndarray:
-        """Mask of the rows that belong to zones in space, bool[rows]."""
+        """Whether each row belongs to a zone in space, bool[rows]."""
         return self.rows[:, KIND_COLUMN] >= SPACE_BOX_KIND
 
     def combined_with(self, others: Obstacles) -> Obstacles:
@@ -398,7 +400,7 @@ def _describe_box(box: Box) -> tuple[str, list[float]]:
     """Return the name of a box for messages, and its kind followed by its two corners.
 
     Args:
-        box: Box of a machine file. With limits of y it is a box in space, without them one in the
+        box: Box of a machine file. A box with limits of y is in space, a box without them in the
             arm's plane.
 
     Returns:
