@@ -1,9 +1,8 @@
 """Planner that decides path, posture and modes together, in the space of cylinder lengths.
 
 In this space the joint limits form a box. If no cylinder needs boost, the energy of a motion is a
-weighted sum of piston strokes. The lower bound on the cost is then reached by every path on which
-no piston turns back. A cylinder path is a polyline of cylinder lengths, and its corners are the
-waypoints.
+weighted sum of piston strokes. Every path on which no piston turns back then has the least possible
+cost. A cylinder path is a polyline of cylinder lengths, and its corners are the waypoints.
 
 `integrated_search` runs the pipeline over these modules:
 

@@ -1,9 +1,9 @@
 """Stages of the integrated search: straight lines, lattices of decreasing spacing, local changes.
 
-Every stage starts from the cheapest path so far, the incumbent. The search of a coarse lattice
-takes a millisecond or two, that of a fine lattice a second. After local changes, the path from a
-coarse lattice mostly costs as little as one from a fine lattice. Fine lattices are searched while
-there is time and while a cheaper path is possible.
+Every stage starts from the cheapest path so far, the incumbent. A coarse lattice is searched in one
+or two milliseconds, a fine lattice in a second. After local changes, a path from a coarse lattice
+mostly costs as little as a path from a fine lattice. Fine lattices are searched while there is time
+and while a cheaper path is possible.
 """
 
 from __future__ import annotations
@@ -35,39 +35,40 @@ from mhsb_planner.search.s2_search import SEARCH_TASK
 from mhsb_planner.search.s2_step import describe_postures
 
 MIN_RELATIVE_GAIN = 1e-3
-"""A path is not improved further if its cost exceeds the lower bound by at most this share [-].
-Sweeps with one stride end when a sweep saves less than this share of the cost.
+"""Gap between a path's cost and the lower bound, as a share of the bound, below which the path is
+not improved further [-]. Sweeps with one stride end when a sweep saves less than this share of the
+cost.
 """
 
 MIN_LATTICE_GAP = 1e-2
-"""No lattice is searched if the incumbent's cost exceeds the lower bound by at most this share [-].
+"""Gap between incumbent and lower bound, as a share of the bound, below which no lattice is
+searched [-].
 """
 
 WORTH_A_MOTION = 5e-3
-"""Least gain for which a path from a lattice is yielded at once, as a share of the cost of the path
-yielded before [-].
+"""Least saving for which a path from a lattice is yielded at once, as a share of the cost of the
+last yielded path [-].
 """
 
 MAX_COARSE_PIECE_STROKE = 5e-3
-"""Largest stroke of a cylinder within one piece, in all sweeps but those with the last stride [m].
-It holds for an arm of the paper's size.
+"""Largest stroke of a cylinder within one piece in coarse sweeps (all but those with the last
+stride), for an arm of the paper's size [m].
 """
 
 MAX_SEARCHED_COST_RATIO, MAX_REFINED_COST_RATIO = 1.25, 1.5
 """Limits on the cost of a path over a lattice, as factors on the incumbent's cost [-].
 
-The first applies to costs by the cost model of the lattice search. The second applies to the cost
+The first limits the cost during the lattice search, by its cost model. The second limits the cost
 of the path found, by the cost model of the search problem. Both exceed 1, because refinement makes
 most paths over lattices cheaper.
 """
 
 STRAIGHT_GOAL_STRIDE = 3
-"""Step between the indices of the goal postures to which the first round tries straight lines [-].
-"""
+"""Step between the indices of goal postures in the first round of straight lines [-]."""
 
 MAX_MOTION_PER_SPACING = 6.0
-"""Largest distance that any part of the arm moves if one joint makes one step, as a factor on the
-lattice spacing [-]. It applies to lattices that are even in the joint positions.
+"""Largest distance that any part of the arm moves if one joint makes one step, divided by the
+lattice spacing [-]. It applies to lattices with evenly spaced joint positions.
 """
 
 FIRST_HEURISTIC_WEIGHT = 2.0
@@ -85,7 +86,7 @@ a second search takes any path.
 
 MAX_LATTICE_POINTS, SPACING_GROWTH = 2**26, 1.25
 """Largest number of lattice points, and factor by which the spacing of a larger lattice is
-increased until it has no more. Only arms with more joints than the suite's have such lattices.
+increased until it fits. Only arms with more joints than the suite's have such lattices.
 """
 
 QUICK_LATTICE_COUNT = 3
@@ -124,20 +125,20 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
     lattices of decreasing spacing, and a last local refinement. The lattices are skipped if the
     incumbent (cheapest path so far) costs at most (1 + MIN_LATTICE_GAP) times the lower bound. The
     refinement is skipped if the incumbent costs at most (1 + MIN_RELATIVE_GAIN) times the lower
-    bound. Both are skipped when the time is up.
+    bound. Lattices and refinement are also skipped when the time is up.
 
     The first straight line is yielded at once; later, cheaper lines become the incumbent without
-    being yielded. A path from a lattice is yielded at once if it saves more than the share
-    WORTH_A_MOTION of the cost of the path yielded before. The cheapest path of all is yielded at
-    the end, unless it has been yielded already.
+    being yielded. A path from a lattice is yielded at once if it is cheaper than the last yielded
+    path by more than the share WORTH_A_MOTION. At the end, the cheapest path of all is yielded,
+    unless it has been yielded already.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
         work: Numbers of expanded states and priced steps; increased in place.
 
     Yields:
-        A path that is cheaper than all paths before. None before work that may take long, so that
-        the caller can try something else.
+        A path that is cheaper than all earlier paths, or the value None before work that may take
+        long. At None, the caller can try something else.
 
     Raises:
         NoPathError: The search has ended without any path.
@@ -181,8 +182,8 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
             [-].
 
     Returns:
-        False if the deadline of the search has passed, or the incumbent is good enough. Otherwise
-        True, also without an incumbent.
+        False if the deadline of the search has passed, or the incumbent is good enough; otherwise
+        True. Without an incumbent, only the deadline counts.
     """
     room = best is None or best.cost > (1.0 + share) * task.lower_bound
     return room and not task.progress.search_deadline.has_passed
@@ -196,7 +197,7 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
 
     The first round tries every STRAIGHT_GOAL_STRIDE-th goal posture. The goal posture with the
     least lower bound on the cost comes first. If a line was found, the second round tries the
-    skipped goal postures beside the one where the best line ends. A round ends early, without an
+    skipped neighbours of the goal posture where the best line ends. A round ends early, without an
     error, at the first goal posture whose lower bound is not below the cost of the best line. It
     also ends early when the search deadline has passed.
 
@@ -204,8 +205,8 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
-        Lines, each cheaper than all lines before. None is yielded after the first FIRST_LINES
-        trials, and again at the end of the first round, if there is no line yet. The caller can
+        Lines, each cheaper than all earlier lines. While there is no line, the value None is
+        yielded twice: after FIRST_LINES trials and at the end of the first round. The caller can
         then try something else. If the search deadline has passed, None comes without trials.
     """
     count = len(task.goal_lower_bounds)
@@ -232,7 +233,7 @@ def _sort_by_lower_bound(task: SearchProblem, numbers: IntArray) -> IntArray:
         numbers: Indices of goal postures.
 
     Returns:
-        The indices, the least bound first.
+        The indices in ascending order of the bound.
     """
     return numbers[np.argsort(task.goal_lower_bounds[numbers], kind="stable")]
 
@@ -240,7 +241,7 @@ def _sort_by_lower_bound(task: SearchProblem, numbers: IntArray) -> IntArray:
 def _yield_cheaper_lines(
     task: SearchProblem, numbers: IntArray, best: CylinderPath | None
 ) -> Iterator[CylinderPath]:
-    """Yield straight cylinder paths to given goal postures, each cheaper than all before.
+    """Yield ever cheaper straight cylinder paths to given goal postures.
 
     Goal postures are tried in the given order. The trials end at the first goal posture whose lower
     bound is not below the incumbent's cost, or when the time is up.
@@ -251,7 +252,7 @@ def _yield_cheaper_lines(
         best: Incumbent (cheapest path so far); None if there is none.
 
     Yields:
-        Admissible paths, each cheaper than `best` and than all paths before. If `best` is None, the
+        Admissible paths, each cheaper than `best` and all earlier paths. If `best` is None, the
         first path has its `pieces`. In all other paths `pieces` is None.
     """
     for k in numbers.tolist():
@@ -272,8 +273,8 @@ def _yield_cheaper_lines(
 def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
-    With an incumbent (cheapest path so far) the spacings depend on `stroke` [m]. `stroke` is the
-    largest difference of a cylinder length between the start and any of these points:
+    With an incumbent (cheapest path so far), the spacings depend on `stroke`: the largest
+    difference of a cylinder length between the start and any of these points [m]:
 
     - the incumbent's waypoints,
     - goal postures with a lower bound below the incumbent's cost.
@@ -315,7 +316,7 @@ def yield_lattice_paths(
 
     A lattice is a regular grid of cylinder lengths. Before each lattice the incumbent (cheapest
     path so far) is refined: its waypoints are moved by shares of the lattice's spacing. Each
-    lattice is searched first with a simpler cost model, then with the real one. The second search
+    lattice is searched first with a simpler cost model, then with the real model. The second search
     is skipped if the first finds nothing and there is no incumbent.
 
     A path found on a lattice is then refined. The path is discarded instead if it costs no less
@@ -331,9 +332,9 @@ def yield_lattice_paths(
         work: Numbers of expanded states and priced steps; increased in place.
 
     Yields:
-        Before each lattice the refined incumbent, even if it is unchanged; then each cheaper path
-        from the lattice. None is yielded after QUICK_LATTICE_COUNT lattices, and before each
-        lattice in the second half of the time. The caller can then try something else.
+        Before each lattice, the refined incumbent, even if it is unchanged; then each cheaper path
+        from the lattice. The value None is yielded after QUICK_LATTICE_COUNT lattices, and before
+        each lattice in the second half of the time. The caller can then try something else.
     """
     for number, spacing in enumerate(lattice_spacings(task, best)):
         if number == QUICK_LATTICE_COUNT or task.progress.is_half_over:
@@ -358,8 +359,8 @@ def yield_lattice_paths(
 def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[PathCostModel, ...]:
     """Return the two cost models by which a lattice is searched one after the other.
 
-    The first model is a simplification. It does not have the rule that a cylinder with a speed up
-    to `t.circuit.rest_speed` counts as held, and may need boost for its load. If there is no
+    In the real model, a cylinder with a speed up to `t.circuit.rest_speed` counts as held and may
+    need boost for its load. The first model is simpler: it does not have this rule. If there is no
     incumbent, mode switches also cost nothing in the first model.
 
     Args:
@@ -398,7 +399,7 @@ def search_lattice(
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model of the search, used instead of the one of `task`.
+        priced_by: Cost model of the search; it replaces the cost model of `task`.
         best: Incumbent (cheapest path so far); None if there is none.
         spacing: Spacing of the lattice [m].
         work: Numbers of expanded states and priced steps; increased in place.
@@ -406,8 +407,8 @@ def search_lattice(
     Returns:
         The path, priced with the cost model of `task`. None if no path was found, or if the path is
         inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent.
-        None also if no goal posture has a lower bound below the incumbent's cost; no lattice is
-        created then.
+        Also None, without creating a lattice, if no goal posture has a lower bound below the
+        incumbent's cost.
     """
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.goal_lower_bounds < limit)
@@ -448,16 +449,17 @@ def search_lattice(
 
 
 def _runs_beside(found: CylinderPath, best: CylinderPath, spacing: float) -> bool:
-    """Return whether a path runs close to the incumbent and is not cheaper than it.
+    """Return whether a path runs close to the incumbent without being cheaper.
 
     Args:
         found: The path.
         best: Incumbent (cheapest path so far).
-        spacing: The path is close if each of its waypoints is nearer than this to the incumbent's
-            polyline. A distance is the difference of the cylinder length that differs most [m].
+        spacing: The path is close if the distance of each waypoint from the incumbent's polyline is
+            smaller than this [m]. The distance of two points is their largest difference of a
+            cylinder length.
 
     Returns:
-        True if both conditions hold. Refining the path would then probably lead to the incumbent.
+        True if both conditions hold; refining the path would then probably give the incumbent.
     """
     if found.cost < best.cost:
         return False
@@ -478,7 +480,7 @@ def create_lattice_search(
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model of the search, used instead of the one of `task`.
+        priced_by: Cost model of the search; it replaces the cost model of `task`.
         goal_indices: Indices of the goal postures of `task` to search for. The search numbers them
             anew from 0 in this order.
         spacing: Spacing of the lattice [m].
@@ -502,8 +504,9 @@ def _create_lattice(task: SearchProblem, spacing: float) -> Lattice:
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        spacing: Spacing of the cylinder lengths [m]. With obstacles: if one joint makes one step,
-            no part of the arm moves by more than MAX_MOTION_PER_SPACING · spacing.
+        spacing: Spacing of the cylinder lengths [m]. With obstacles, the spacing of each joint is
+            chosen so that no part of the arm moves by more than MAX_MOTION_PER_SPACING · spacing in
+            one step.
 
     Returns:
         The lattice; the start is one of its points.
@@ -535,12 +538,13 @@ def refine(
 ) -> CylinderPath:
     """Improve a cylinder path: remove waypoints, then move them by shares of a lattice spacing.
 
-    First, inner waypoints are left out as long as the path does not become dearer. If one straight
-    segment is left, it is split into three. Then a compass search moves each waypoint by a stride,
-    in sweeps with ever smaller strides (`stride_shares` of `SearchLimits`, times the spacing). The
-    last waypoint moves by a change of the goal posture. Only sweeps with the last stride price
-    paths exactly; earlier sweeps price them coarsely. A result of coarse pricing is kept only if it
-    is cheaper by exact pricing, too. No change is tried after the deadline.
+    First, inner waypoints are left out as long as the path does not become more expensive. If one
+    straight segment is left, it is split into three. Then a compass search moves each waypoint by a
+    stride, in sweeps with ever smaller strides (`stride_shares` of `SearchLimits`, times the
+    spacing). The last waypoint moves by a change of the goal posture. Only sweeps with the last
+    stride price paths exactly; earlier sweeps price them coarsely. A change found by coarse pricing
+    is kept only if exact pricing confirms that it is cheaper. No change is tried after the
+    deadline.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -581,11 +585,11 @@ def _sweep_with_stride(
 ) -> CylinderPath:
     """Run sweeps of a compass search with one stride over a cylinder path.
 
-    A sweep tries to move each waypoint by the stride and keeps what is cheaper. Sweeps price the
-    path coarsely, in pieces in which no cylinder moves by more than `piece`. After each sweep the
-    path is also priced by the problem's own cost model; this is its real cost. The sweeps end early
-    if the real cost exceeds that of the best path so far. The sweeps also end if a sweep lowers the
-    coarse cost by less than the share MIN_RELATIVE_GAIN.
+    A sweep tries to move each waypoint by the stride and keeps each move that makes the path
+    cheaper. Sweeps price the path coarsely, in pieces in which no cylinder moves by more than
+    `piece`. After each sweep, the problem's own cost model gives the real cost of the path. The
+    sweeps end if the real cost exceeds the best real cost so far, or if a sweep lowers the coarse
+    cost by less than the share MIN_RELATIVE_GAIN.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -596,7 +600,7 @@ def _sweep_with_stride(
         piece: Largest stroke of a cylinder within the pieces by which the sweeps price paths [m].
 
     Returns:
-        The path with the least real cost among the given one and the results of the sweeps.
+        The path with the least real cost among `route` and the results of the sweeps.
     """
     t, w, until = task.cost_model, task.buffers, task.progress.search_deadline
     rough = t._replace(max_piece_stroke=piece)

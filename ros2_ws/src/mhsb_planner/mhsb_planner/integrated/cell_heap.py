@@ -1,7 +1,7 @@
 """Binary heap of numbered cells, ordered by least bound, then by least number.
 
-Numba would compile `heapq` again for each kernel that calls it, with lists and their error
-messages.
+Numba would compile `heapq`, with lists and their error messages, again for each kernel that calls
+it.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ def _precedes(bound: FloatArray, a: int, b: int) -> bool:
 
 @kernel(borrows=True, forceinline=True)
 def push_cell(bound: FloatArray, heap: IntArray, size: int, cell: int) -> None:
-    """Insert a cell into the heap. The caller keeps the number of cells.
+    """Insert a cell into the heap. The caller must increase its count of cells by 1.
 
     Args:
         bound: Bound of each cell, not NaN.
-        heap: Cell numbers in heap order, with room for one more. Written in place.
+        heap: Cell numbers in heap order, with room for one more cell. Written in place.
         size: Number of cells in the heap before the call.
         cell: Number of the cell.
     """
@@ -47,10 +47,10 @@ def push_cell(bound: FloatArray, heap: IntArray, size: int, cell: int) -> None:
 
 @kernel(borrows=True, forceinline=True)
 def pop_cell(bound: FloatArray, heap: IntArray, size: int) -> int:
-    """Remove the cell of least bound from the heap, without counting.
+    """Remove the cell of least bound from the heap.
 
-    If several cells have the least bound, the one of least number is removed. The caller reduces
-    the size by 1.
+    Among cells of equal bound, the cell of least number is removed. The caller must reduce its
+    count of cells by 1.
 
     Args:
         bound: Bound of each cell, not NaN.

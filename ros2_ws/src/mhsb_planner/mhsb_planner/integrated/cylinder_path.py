@@ -1,4 +1,4 @@
-"""Cost of a cylinder path: a polyline of cylinder lengths, with the best modes along it.
+"""Cost of a cylinder path (a polyline of cylinder lengths) with the best modes along it.
 
 A cylinder path is given by waypoints `via`, shape (points, n) [m]. Each segment is cut into pieces
 of limited stroke, and each piece is priced as a step of `s2_step`. Dynamic programming over the
@@ -8,7 +8,7 @@ pieces picks the mode combination of each piece. It minimises
 
 with energy E [J], time T [s], the number of mode switches and the manipulability loss M [m]
 (`manipulability_loss`). A cylinder that stands still is boosted if the main pump's pressure P_S
-cannot hold its load. The switches to the modes that hold the arm at the end of the path count.
+cannot hold its load. Switches at the end of the path to the modes that hold the arm also count.
 """
 
 from __future__ import annotations
@@ -59,19 +59,17 @@ stay as far outside.
 """
 
 WORKSPACE_EDGE_DISTANCE = 5e-3
-"""If an end of a piece is nearer to the workspace's edge than this, the middle of the piece is
-checked, too [m].
-"""
+"""Distance from the workspace's edge below which the middle of a piece is checked, too [m]."""
 
 BOOST_RESERVE = 30e3
 """Increase of `HydraulicCoefficients.boost_margin` if the manipulability loss has a weight [Pa].
 
-Boost reduces the velocity polytope's area. A motion deviates from its path, so with a smaller
-margin it would need boost where the path needs none.
+Boost reduces the velocity polytope's area. With a smaller margin, a motion that deviates slightly
+from its path could need boost where the path needs none.
 """
 
 CACHED_MACHINE_COUNT = 4
-"""Number of machine objects whose coefficients are kept [-]: one at V_max, and one for each lower
+"""Number of machine objects whose coefficients are kept [-]: one for V_max, and one for each lower
 speed that is tried.
 """
 
@@ -90,8 +88,8 @@ class PathCostModel(NamedTuple):
             (patterns + 1, patterns). Row: combination before; the last row stands for the modes in
             force at the start. Column: combination after.
         weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
-        energy_column: Column of a step's cost with the energy that counts, ENERGY_PAPER_COLUMN or
-            ENERGY_SERIES_COLUMN.
+        energy_column: Column of a step's cost with the energy that the cost includes,
+            ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN.
         area: Weight w₄ of the manipulability loss and the reference area.
         obstacles: Obstacles as `Obstacles.path_rows`; empty if there are none.
         max_piece_stroke: Largest stroke of a cylinder within one piece [m].
@@ -125,8 +123,8 @@ def cost_model(
         machine: The arm without a slewing joint.
         start_modes: Modes in force at the start, uint8, shape (n,).
         weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
-        column: How the cost prices boosted oil: ENERGY_PAPER_COLUMN as the paper does, or
-            ENERGY_SERIES_COLUMN for servo pumps in series with the main pump.
+        column: Price of boosted oil: ENERGY_PAPER_COLUMN as in the paper, or ENERGY_SERIES_COLUMN
+            for servo pumps in series with the main pump.
         area: Weight and reference area of the manipulability loss (lost area of the velocity
             polytope). By default the loss has no weight.
 
@@ -201,14 +199,14 @@ class PathCostBuffers(NamedTuple):
         points: Three postures: rows 0 and 1 are the ends of the piece, row MIDDLE_POINT is
             half-way.
         middle: Piston forces half-way along the piece, shape (1, n) [N].
-        owner: Index of the end of a piece in `points`, repeated for each mode combination, shape
-            (2, patterns). All entries of row i are i.
+        owner: Index in `points` of an end of a piece, repeated for each mode combination, shape (2,
+            patterns): all entries of row i are i.
         value: Least cost up to points 0 and 1 by mode combination of arrival, shape (2, patterns +
             1). The last column stands for the modes in force at the start.
         shortfall: Cost w₄ M of the priced piece, shape (patterns,).
-        parent: Best combination before the last piece of a path, for each combination of that
-            piece, shape (patterns,). The number of combinations stands for the modes in force at
-            the start of the path.
+        parent: Best combination before the last piece of a path, for each combination of this
+            piece, shape (patterns,). The value `patterns` stands for the modes in force at the
+            start of the path.
     """
 
     scratch: StepBuffers
@@ -251,7 +249,7 @@ def place_posture(
     """Write the posture that has given cylinder lengths into points[i].
 
     If a cylinder length is out of reach within the joint limits, the joint is placed at the nearer
-    limit. Row i of `points.length` has the given lengths in any case.
+    limit. Row i of `points.length` gets the given lengths even then.
 
     Args:
         m: Arrays of the machine.
@@ -315,8 +313,8 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
 
     The move leads from w.points[here] to w.points[1 - here]. It is inadmissible if the tip leaves
     the workspace, the arm comes too near to an obstacle, or no mode combination can do it. A
-    combination may be used if it boosts exactly the joints that need boost. If there is none,
-    combinations that boost further joints may be used.
+    combination may be used if it boosts exactly the joints that need boost. If no such combination
+    is admissible, combinations that boost further joints may be used.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -326,8 +324,8 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
         here: Index of the start in w.points, 0 or 1.
 
     Returns:
-        STEP_INADMISSIBLE, or the status of the combinations that may be used. These are exactly the
-        combinations p with w.scratch.status[p] equal to the result.
+        STEP_INADMISSIBLE, or the status of the combinations that may be used: a combination p may
+        be used if w.scratch.status[p] equals the result.
     """
     there = 1 - here
     m, posture = t.machine, w.points.posture
@@ -546,11 +544,11 @@ def continue_path(
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, as `begin_path` or an earlier call left it; changed in
             place.
-        via: Waypoints, shape (points, n) [m]; the first is the one at w.points[0].
-        limit: The path is given up if its cost so far plus a lower bound on the rest of `via`
-            reaches this cost.
-        rests_at_end: True if the arm rests at the last waypoint. Switches to the modes that hold it
-            there then count.
+        via: Waypoints, shape (points, n) [m]; the first is w.points[0].
+        limit: Cost at which the path is given up. The cost so far, plus a lower bound on the rest
+            of `via`, is compared with it.
+        rests_at_end: True if the arm rests at the last waypoint. Switches to the modes that hold
+            the arm at this waypoint then count.
 
     Returns:
         Least cost from the start of the whole path to the last waypoint. Inf if a piece is
@@ -594,7 +592,8 @@ def price_path(
         w: Working memory of the thread, overwritten.
         via: Waypoints, shape (points, n) [m].
         start: Joint positions at via[0], shape (n,) [rad or m].
-        limit: The path is given up when a lower bound on its cost reaches this.
+        limit: Cost at which the path is given up; a lower bound on the path's cost is compared with
+            it.
 
     Returns:
         The cost; inf if the path is inadmissible or its cost reaches the limit.
@@ -609,8 +608,7 @@ def compute_costs_to_go(
 ) -> FloatArray:
     """Compute the least remaining cost from each waypoint of a cylinder path to rest at its end.
 
-    Mode switches between pieces count. The switches to the modes that hold the arm at the end
-    count, too.
+    The cost includes mode switches between pieces, and at the end to the modes that hold the arm.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -620,8 +618,8 @@ def compute_costs_to_go(
 
     Returns:
         Cost by waypoint and by the mode combination in which the waypoint is reached, shape
-        (points, patterns). Inf means that no admissible sequence of modes continues from there. The
-        first row is all inf, since it is not computed.
+        (points, patterns). Inf means that no admissible sequence of modes continues from the
+        waypoint. The first row is all inf, since it is not computed.
     """
     end, count = cut_into_pieces(via, t.max_piece_stroke)
     patterns, here = len(t.patterns), 0

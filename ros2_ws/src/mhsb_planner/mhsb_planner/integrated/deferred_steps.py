@@ -1,9 +1,10 @@
 """Steps that an A* search has found but not priced yet, in buckets by a lower bound on cost.
 
-A search that prices each step as soon as it finds it prices most of them in vain: a cheaper way to
-the same point is found before, or no path over the step is as cheap as the path to the goal. A
-deferred step is priced only before the search expands a state whose estimate is as high. By then
-its target may have a cheaper way. The search finds the path that it would find otherwise.
+If a search priced each step as soon as it is found, most prices would be useless: a cheaper way to
+the same point turns up first, or the path over the step costs more than the best path to the goal.
+A deferred step is priced only when the search is about to expand a state whose estimate is as high.
+By then a cheaper way to the step's target may be known. Deferring does not change the path that the
+search finds.
 
 Source:
     B. Cohen, M. Phillips, M. Likhachev, Planning Single-arm Manipulations with n-Arm Robots, RSS
@@ -24,12 +25,12 @@ NO_STEP = -1
 """Number that stands for no step."""
 
 BUCKET_COUNT, BUCKETS_PER_START_BOUND = 2048, 512
-"""Number of buckets, and number of buckets over whose range the lower bound rises by that at the
+"""Number of buckets, and number of buckets that cover an interval as wide as the lower bound at the
 start [-]. The last bucket holds all higher bounds.
 """
 
 MIN_START_BOUND = 1e-9
-"""Least lower bound at the start from which the ranges of buckets are computed [-]."""
+"""Smallest lower bound at the start from which the ranges of buckets are computed [-]."""
 
 FIRST_BUCKET, STEP_COUNT = 0, 1
 """Indices into `DeferredSteps.counts`: first bucket that may hold steps, and number of steps."""
@@ -52,7 +53,7 @@ class DeferredSteps(NamedTuple):
     """Steps that wait to be priced, in buckets by the estimate of the cost of a path over them.
 
     Attributes:
-        records: Steps in the order in which they were found, shape (room,).
+        records: Steps in the order in which the search found them, shape (room,).
         first: First step of each bucket, shape (BUCKET_COUNT,); NO_STEP if the bucket is empty.
         counts: First bucket that may hold steps, and number of entries of `records` in use, shape
             (2,).
@@ -88,7 +89,7 @@ def _find_bucket(deferred: DeferredSteps, estimate: float) -> int:
 def defer_step(
     deferred: DeferredSteps, origin: int, row: int, cost: float, lower_bound: float
 ) -> None:
-    """Put a step into the bucket of its estimate, as the first step there.
+    """Put a step first into the bucket of its estimate.
 
     Args:
         deferred: Steps that wait to be priced, changed in place. Room for a step must be left.
@@ -113,7 +114,8 @@ def defer_step(
 def take_due_step(deferred: DeferredSteps, estimate: float) -> int:
     """Remove a step that must be priced before a state with a given estimate is expanded.
 
-    These are the steps whose own estimate is not higher, and the others of the same bucket.
+    A step must be priced if its own estimate is not higher, or if it is in the same bucket as such
+    a step.
 
     Args:
         deferred: Steps that wait to be priced, changed in place.

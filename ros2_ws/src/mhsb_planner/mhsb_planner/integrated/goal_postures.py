@@ -3,8 +3,8 @@
 At one tip position, an arm of three joints keeps one degree of freedom: the end-link angle ψ, on
 two elbow branches (`s1_psi_intervals_3r`). For longer chains the angles of the first n − 3 joints
 are sampled evenly, and the intervals of ψ are found for each sample. If the chain has telescopes,
-all joints but the two that close the chain are sampled evenly. If ψ is prescribed for such a chain,
-ψ is sampled instead.
+all joints except the two that close the chain are sampled evenly. If ψ is prescribed for such a
+chain, values of ψ are sampled instead.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_p
 PSI_SPACING = math.radians(1.0)
 """Default spacing of the samples of ψ [rad]."""
 MIN_INTERVAL_SAMPLES = 8
-"""Smallest number of samples of an interval of ψ [-]; with m free coordinates the m-th root of it.
+"""Smallest number of samples of an interval of ψ [-]. With m free coordinates, the m-th root of
+this number applies.
 """
 MAX_TURNS = 2
-"""Number of whole turns up to which an end-link angle counts as the same as the prescribed ψ [-].
-"""
+"""Number of whole turns by which an end-link angle may differ from the prescribed ψ [-]."""
 MAX_RANGES = (2 * MAX_TURNS + 1) * MAX_INTERVALS
 """Largest number of admissible ranges of ψ."""
 FIRST_ROWS = 128
@@ -91,12 +91,12 @@ def sample_goal_postures(
 ) -> GoalPostures:
     """Sample the postures at a goal and at the other tip positions of its region.
 
-    The postures at a tip position have m = n − 2 free coordinates, one less if ψ must have one
-    value. For m = 1 successive samples of ψ differ by at most `spacing`, and the ends of each
-    feasible interval are among them. For larger m, each coordinate is sampled at intervals of
-    `spacing` to the power 1/m, both in rad. With k tip positions, `spacing` is first multiplied by
-    k. The number of samples therefore hardly grows with m or k. Postures that come too near to
-    obstacles are left out, and tip positions without any posture are left out, too.
+    The postures at a tip position have m = n − 2 free coordinates, or m = n − 3 if ψ must have one
+    value. For m = 1, successive samples of ψ differ by at most `spacing`, and include the ends of
+    each feasible interval. For larger m, each coordinate is sampled at intervals of `spacing` to
+    the power 1/m, both in rad. With k tip positions, `spacing` is first multiplied by k. The number
+    of samples therefore hardly grows with m or k. Postures too near to obstacles are left out, as
+    are tip positions without any posture.
 
     Args:
         machine: The arm without a slewing joint.
@@ -143,21 +143,21 @@ def sample_goal_postures(
 
 
 def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
-    """Return the size of change that counts as 1 in each free coordinate of a goal posture.
+    """Return the unit of each free coordinate of a goal posture: the change that counts as 1.
 
     Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
     are the positions of all joints but the last two turning ones, which close the chain.
 
-    The size is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means
-    that local changes must keep the coordinate. If `between` is given, the size is 0 for ψ. With
-    telescopes it is then 0 for all coordinates, because each would change ψ.
+    The unit is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means
+    that local changes must keep the coordinate. If `between` is given, the unit of ψ is 0. With
+    telescopes all units are then 0, because each coordinate would change ψ.
 
     Args:
         machine: The arm without a slewing joint.
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
 
     Returns:
-        Sizes, shape (n - 2,) [rad or m].
+        Units, shape (n - 2,) [rad or m].
     """
     if machine.has_telescope:
         unit = machine.radian_equivalents[held_joints(machine)]
@@ -229,8 +229,8 @@ def _sample_telescopic_chain(
         x: Tip position forward [m].
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
-        spacing: Largest distance of two samples of ψ [rad]. A grid over m joints has the spacing
-            s^(1/m) rad in each joint, and s is the number `spacing`. The number of grid points is
+        spacing: Largest distance of two samples of ψ [rad]. With s for the number `spacing`, a grid
+            over m joints has the spacing s^(1/m) rad in each joint. The number of grid points is
             then proportional to 1/s for every m. For a telescope, range/π stands for 1 rad.
 
     Returns:
@@ -290,7 +290,7 @@ def _sample_turning_chain(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Sample the postures of a chain of turning joints at one tip position, obstacles ignored.
 
-    The inner joints, the first n − 3, are sampled on a grid. For each grid point the feasible
+    The inner joints (the first n − 3) are sampled on a grid. For each grid point the feasible
     end-link angles ψ of the last three joints are sampled. Each interval of ψ gets at least
     MIN_INTERVAL_SAMPLES^(1/(n − 2)) samples and at least 2, both ends included.
 
@@ -300,8 +300,8 @@ def _sample_turning_chain(
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
         spacing: Largest distance of two samples of ψ with three joints [rad]. With m free
-            coordinates the distance is spacing^(1/m), also on the grid. If the ends of `between`
-            are equal, that angle is the only sample of ψ, and m is smaller by 1.
+            coordinates, the distance is spacing^(1/m) for ψ and on the grid. If both ends of
+            `between` are equal, this angle is the only sample of ψ, and m is smaller by 1.
 
     Returns:
         Three arrays, one row for each posture within limits:
@@ -332,7 +332,7 @@ def _tabulate_postures(
 ) -> FloatArray:
     """List the postures on a grid of inner joint angles and end-link angles ψ, for turning joints.
 
-    The unit tests compare the result with the same samples in plain Python.
+    Test oracle: the same samples in plain Python.
 
     Args:
         m: Arrays of the machine.
@@ -379,15 +379,16 @@ def _tabulate_postures(
 def _find_psi_ranges(
     m: MachineArrays, x: float, z: float, between: tuple[float, float], ranges: FloatArray
 ) -> int:
-    """Find the admissible end-link angles ψ with which the last three joints reach a position.
+    """Find the admissible ranges of ψ in which the last three joints reach a position.
 
     Args:
         m: Arrays of the machine.
         x: Tip position forward in the frame of the last three joints [m].
         z: Tip position upward in the frame of the last three joints [m].
-        between: Least and greatest admissible ψ in the same frame [rad]; angles that differ by up
-            to 2 whole turns are admissible, too. −inf and inf if ψ is free. If both are equal, this
-            ψ is returned for each elbow branch, even if it does not reach the position.
+        between: Least and greatest admissible end-link angle ψ in the same frame [rad]; angles that
+            differ from these by up to 2 whole turns are also admissible. −inf and inf if ψ is free.
+            If both are equal, this ψ is returned for each elbow branch, even if it does not reach
+            the position.
         ranges: Written in place, shape (MAX_RANGES, 3): elbow branch (sign of the second-last
             joint's angle), least and greatest ψ [rad] of each range.
 

@@ -1,10 +1,10 @@
 """Goal postures near the start posture, for chains with more than three joints.
 
-Even samples of two and more free coordinates lie degrees apart, which is too coarse for a short
-move. Postures with a joint at its limit are rarely among the samples. This module therefore
-searches curves through the joint space. On a curve, two joints close the chain, one other joint is
-sampled, and the rest keep their start positions. There is a curve for each choice of these joints.
-Its posture with the least lower bound on the cost is added.
+Evenly spaced samples of two or more free coordinates are degrees apart, which is too coarse for a
+short move. They rarely contain postures with a joint at its limit. This module therefore searches
+curves through the joint space. On a curve, two joints close the chain, one other joint is sampled,
+and the rest keep their start positions. There is a curve for each choice of these joints. On each
+curve, the posture with the least lower bound on the cost is added.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from mhsb_planner.search.lower_bound import bound_cost_between
 from mhsb_planner.search.s2_step import HydraulicCoefficients
 
 JOINT_SAMPLE_COUNT = 24
-"""Number of even samples of a joint's range, limits included; the start position is an additional
-sample.
+"""Number of evenly spaced samples of a joint's range, limits included. The start position is an
+additional sample.
 """
 
 
@@ -47,7 +47,7 @@ def add_postures_near_start(
 ) -> GoalPostures:
     """Add goal postures near the start posture to the evenly sampled ones.
 
-    The new postures have the tip at the goal itself, not elsewhere in the goal region. Postures too
+    The new postures have the tip at the goal itself, even if there is a goal region. Postures too
     near to obstacles are not added. Nothing is added in three cases:
 
     - The arm has three joints, so that its samples are dense.
@@ -130,11 +130,11 @@ def _search_near_postures(
 
     Each choice of a pair of joints and a third joint gives a curve. The third joint takes
     JOINT_SAMPLE_COUNT evenly spaced positions from limit to limit, and its start position. The pair
-    then brings the tip to the goal; its two solutions both belong to the curve. All other joints
-    keep their start positions. The best posture is the one with the least lower bound on the cost
-    from the start.
+    then brings the tip to the goal, in up to two ways, which both belong to the curve. All other
+    joints keep their start positions. The best posture has the least lower bound on the cost from
+    the start.
 
-    The unit tests compare the result with the same search in plain Python.
+    Test oracle: the same search in plain Python.
 
     Args:
         m: Arrays of the machine.
@@ -146,8 +146,8 @@ def _search_near_postures(
         weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
 
     Returns:
-        The best posture of each curve that has any within joint limits, shape (found, n) [rad or
-        m].
+        The best posture of each curve, shape (found, n) [rad or m]. Curves without a posture within
+        the joint limits give none.
     """
     n, count = len(start), 0
     found = np.empty((n * (n - 1) // 2 * (n - 2), n))

@@ -72,7 +72,7 @@ class IntegratedSearch:
                 polytope).
             counts_leakage: Whether leakage counts when paths are compared. The costs of the paths
                 yielded include it in any case.
-            progress: State of the planning loop, which holds the deadline. None means no deadline.
+            progress: State of the planning loop, with the deadline. None means no deadline.
             limits: Limits on the effort for an arm of the paper's size; lengths are scaled to this
                 arm. None means default limits, which are larger if `area` has a weight.
 
@@ -117,12 +117,12 @@ class IntegratedSearch:
     def paths(self) -> Iterator[DiscretePath | None]:
         """Yield ever cheaper discrete paths from the start to the goal.
 
-        Straight paths come first, then paths from lattices and local changes. A start at the goal
-        gives one path without steps.
+        Straight paths come first, then paths from lattices and local changes. If the arm starts at
+        the goal, one path without steps is yielded.
 
         Yields:
-            A path, or None before work that may take long, so that the caller can try something
-            else.
+            A path, or the value None before work that may take long. At None, the caller can try
+            something else.
 
         Raises:
             NoPathError: The search has ended without any path.
@@ -147,10 +147,10 @@ class IntegratedSearch:
         return [path for path in self.paths() if path is not None][-1]
 
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
-        """Improve a given cylinder path by local changes, without any search for other paths.
+        """Improve a given cylinder path by local changes.
 
         The goal posture nearest to the last waypoint counts as the path's end. The distance of two
-        postures is here the largest difference of a cylinder length.
+        postures is their largest difference of a cylinder length.
 
         Args:
             via: Waypoints (cylinder lengths) from the start to a goal posture, shape (points, n)
@@ -176,7 +176,7 @@ class IntegratedSearch:
         return perf_counter() - self._began
 
     def _to_discrete_path(self, best: CylinderPath, work: SearchWork) -> DiscretePath:
-        """Convert a cylinder path to a discrete path whose cost includes leakage in any case.
+        """Convert a cylinder path to a discrete path whose cost always includes leakage.
 
         Args:
             best: The cylinder path.
@@ -203,7 +203,7 @@ class IntegratedSearch:
 
 
 def _add_holding_switches(machine: Machine, path: DiscretePath) -> DiscretePath:
-    """Return a discrete path with the number of switches to the modes that hold the arm at its end.
+    """Add to a discrete path the number of switches to the modes that hold the arm at its end.
 
     Args:
         machine: The arm without a slewing joint.
@@ -257,7 +257,7 @@ def search(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile all kernels of the integrated search, also those that only some requests need.
+    """Compile all kernels of the integrated search, even those that only some requests need.
 
     Args:
         machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
@@ -331,14 +331,14 @@ def _straight_line(task: SearchProblem) -> FloatArray:
 def _example_problem(machine: Machine) -> SearchProblem:
     """Create a short, easy search problem for compiling kernels.
 
-    It starts in the middle of the joint ranges and allows very little effort. It has no obstacles
-    and no gravity, so it has a solution for every machine, even for one without boost.
+    The problem starts in the middle of the joint ranges and allows very little effort. Without
+    obstacles and gravity, it has a solution for every machine, even without boost.
 
     Args:
         machine: The arm without a slewing joint.
 
     Returns:
-        The problem, with weights of 1 for all terms of the cost, the manipulability loss included.
+        The problem. The weight of each term of the cost, including the manipulability loss, is 1.
     """
     machine = machine.without_obstacles().with_values({"gravity": 0.0})
     low, high = machine.arrays.joint_min, machine.arrays.joint_max

@@ -1,7 +1,6 @@
 """Interval arithmetic of planar chains: ranges of distances, directions and cylinder lengths.
 
-Every function returns an enclosure: no value lies outside the range, but parts of the range may
-never occur.
+Every function returns an enclosure: all possible values lie in the range, which may be too wide.
 """
 
 from __future__ import annotations
@@ -46,8 +45,8 @@ def _wrist_direction_range(low: float, high: float, radius: float, link: float) 
     """Return the range of the wrist's direction α over link directions, at one tip distance.
 
     A link of length L leads from the wrist to the tip, and the tip is at distance R from the
-    origin. Directions are relative to that of the tip. The link has the direction u, and the wrist
-    has the direction α:
+    origin. All directions are relative to the direction of the tip. The link has the direction u,
+    and the wrist has the direction α:
 
         α = atan2(−L sin u, R − L cos u)
 
@@ -84,14 +83,15 @@ def _wrist_direction_range(low: float, high: float, radius: float, link: float) 
 def _unwrapped_wrist_direction(u: float, radius: float, link: float) -> float:
     """Return the wrist's direction α for a tip nearer to the origin than the link is long.
 
-    A link of length L leads from the wrist to the tip at distance R ≤ L. Directions are relative to
-    that of the tip. The link has the direction u, and the wrist has the direction
+    A link of length L leads from the wrist to the tip at distance R ≤ L. All directions are
+    relative to the direction of the tip. The link has the direction u, and the wrist has the
+    direction
 
         α = atan2(−L sin u, R − L cos u)
 
-    The result continues α over whole turns, so that it grows with u. For R < L it is −π at u = 0
-    and grows by 2π with every turn. For R = L it jumps from π/2 to 3π/2 at a whole turn. The wrist
-    is then at the origin, and the caller must exclude this.
+    α is continued over whole turns, so that it grows with u. For R < L it is −π at u = 0 and grows
+    by 2π with every turn. For R = L it jumps from π/2 to 3π/2 at a whole turn. The wrist is at the
+    origin in this case, which the caller must exclude.
 
     Args:
         u: Direction of the link relative to the tip's direction [rad].
@@ -119,8 +119,8 @@ def _intersect_modulo_turns(low: float, high: float, least: float, most: float) 
 
     Returns:
         Smallest interval that contains the intersections for all shifts by −2 to 2 turns [rad].
-        (inf, −inf) means that there is no intersection. Intervals that miss each other by
-        INTERVAL_ROUNDING or less count as touching.
+        (inf, −inf) means that there is no intersection. Intervals with a gap of at most
+        INTERVAL_ROUNDING count as touching.
     """
     found_low, found_high = math.inf, -math.inf
     for turns in range(-2, 3):
@@ -149,12 +149,12 @@ def tip_relative_to_link_end(
         direction: Range of the tip's direction φ [rad].
         link: Length L of the link [m].
         low: Lower end of the range of the link's direction θ [rad].
-        high: Upper end of that range [rad].
+        high: Upper end of the range of θ [rad].
 
     Returns:
         Range of the distance D [m], and range of the direction φ + α [rad], measured from the same
-        axis as θ and φ. Both enclose all possible values, the direction up to whole turns: its
-        range may be shifted by a multiple of 2π.
+        axis as θ and φ. Both contain all possible values, but the range of the direction may be
+        shifted by a multiple of 2π.
     """
     cosine = cosine_range(low - direction[1], high - direction[0])
     nearest = min(max(link * cosine[1], radius[0]), radius[1])
@@ -172,8 +172,8 @@ def wrist_direction_range(low: float, high: float, radius: Interval, link: float
     """Return the range of the wrist's direction α over link directions and tip distances.
 
     A link of length L leads from the wrist to the tip, and the tip is at distance R from the
-    origin. Directions are relative to that of the tip. The link has the direction u, and the wrist
-    has the direction
+    origin. All directions are relative to the direction of the tip. The link has the direction u,
+    and the wrist has the direction
 
         α = atan2(−L sin u, R − L cos u)
 
@@ -208,7 +208,7 @@ def enclose_lengths(m: MachineArrays, j: int, low: float, high: float, box: Floa
     """Compute the range of cylinder length j for an interval of its joint's positions.
 
     The interval is first widened by INTERVAL_ROUNDING and clipped to the joint limits. For a
-    turning joint, copies of the interval that are shifted by up to 2 whole turns count, too.
+    turning joint, copies of the interval shifted by up to 2 whole turns are included.
 
     Args:
         m: Arrays of the machine.

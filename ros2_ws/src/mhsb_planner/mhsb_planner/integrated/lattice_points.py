@@ -1,8 +1,8 @@
 """Lattice points that a search has reached, and their states.
 
 A state is a lattice point and the mode combination in which it was reached. Points and states get
-memory only when the search reaches them, since most lattices have far more points. Memory that is
-touched for the first time takes longer than the search of a point.
+memory only when the search reaches them, since most lattices have far more points. The first access
+to new memory takes longer than the search of a point.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ROW_COUNT, STATE_COUNT = 0, 1
 
 HASH_FACTOR, HASH_SHIFT = 0x9E3779B1, 20
 """Factor on a lattice point's number, and number of low bits of the product that are dropped. The
-bits above them give the point's slot in the hash table (Knuth, multiplicative hashing).
+remaining bits give the point's slot in the hash table (Knuth, multiplicative hashing).
 """
 
 
@@ -48,7 +48,7 @@ class LatticeState(Record):
     pattern: int
     """Index of the mode combination in which the point was reached."""
     sibling: int
-    """State of the same point that was created before this one; NO_STATE if there is none."""
+    """State of the same point that was created before this state; NO_STATE if there is none."""
 
 
 class LatticePoints(NamedTuple):
@@ -58,8 +58,8 @@ class LatticePoints(NamedTuple):
     addressing gives the row of a point.
 
     Attributes:
-        table: Hash table with rows of points plus 1; 0 if a slot is free, shape (slots,). The
-            number of slots is a power of 2, at least twice the number of rows.
+        table: Hash table, shape (slots,). An entry is the row of a point, plus 1; 0 if the slot is
+            free. The number of slots is a power of 2, at least twice the number of rows.
         counts: Numbers of rows and of states in use, shape (2,).
         records: Number, lower bound and cheapest state of each row's point, shape (rows,).
         indices: Lattice indices of each row's point, shape (rows, n).
@@ -104,8 +104,8 @@ def _create_table(points: Records[LatticePoint], used: int) -> IntArray:
     """Create a hash table with the rows of lattice points.
 
     Args:
-        points: Lattice point of each row. There are slots for all rows.
-        used: Number of rows in use, which are entered.
+        points: Lattice point of each row. The table gets slots for all of them.
+        used: Number of rows in use; only these are entered.
     """
     table = np.zeros(2 << len(points).bit_length(), dtype=np.int64)
     _fill_table(table, points, used)
@@ -119,7 +119,7 @@ def with_more_rows(known: LatticePoints) -> LatticePoints:
         known: Data of the lattice points that the search has reached.
 
     Returns:
-        The data. Fields without rows are shared with `known`.
+        The data. Fields that do not grow are shared with `known`.
     """
     records = with_more_room(known.records)
     return known._replace(
@@ -131,7 +131,7 @@ def with_more_rows(known: LatticePoints) -> LatticePoints:
 
 
 def with_more_room(array: Any) -> Any:
-    """Return a copy of an array with twice as many rows; the new ones are undefined."""
+    """Return a copy of an array with twice as many rows; the new rows are undefined."""
     longer = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
     longer[: len(array)] = array
     return longer
@@ -142,7 +142,7 @@ def find_slot(table: IntArray, points: Records[LatticePoint], number: int) -> in
     """Return the slot of a lattice point in the hash table, or the free slot where it belongs.
 
     Args:
-        table: Hash table with rows plus 1; at least one slot must be free.
+        table: Hash table whose entries are rows plus 1; at least one slot must be free.
         points: Lattice point of each row.
         number: Number of the lattice point.
     """
@@ -170,7 +170,7 @@ def _fill_table(table: IntArray, points: Records[LatticePoint], rows: int) -> No
 
 @kernel(borrows=True, forceinline=True)
 def find_state(known: LatticePoints, row: int, pattern: int) -> int:
-    """Return the state of a lattice point in a mode combination; it is created if it is missing.
+    """Return the state of a lattice point in a mode combination; create it if it is missing.
 
     Args:
         known: Data of the lattice points that the search has reached, changed in place. Room for a

@@ -3,8 +3,9 @@
 The bound is the minimum of `bound_cost_between` over the continuous set of goal postures. Branch
 and bound over the end-link angle ψ finds it. For a cell [a, b] of ψ and an elbow branch, interval
 arithmetic encloses the joint positions, and so the cylinder lengths, in a box. The lower bound on
-the cost of a move into the box is the bound of the cell. The cell with the least bound is halved
-until this bound is close to the least bound for a posture in the middle of any cell so far.
+the cost of a move into the box is the bound of the cell. The middle posture of a cell gives an
+upper bound on the minimum. The cell with the least bound is halved until this bound is close to the
+least such upper bound.
 
 The tip is at distance R in direction φ, and u = ψ − φ. The wrist lies at distance D in direction φ
 + α. The angle between the upper arm and the line to the wrist is β:
@@ -13,9 +14,10 @@ The tip is at distance R in direction φ, and u = ψ − φ. The wrist lies at d
     cos|q₂| = (D² − L₁² − L₂²)/(2 L₁ L₂)  β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|)
     q₁ = φ + α − sgn(q₂) β                q₃ = ψ − q₁ − q₂
 
-With more joints a cell also holds intervals of the angles of the first n − 3 joints. Their links
-are removed one by one: the formulas for D and α give the tip seen from the end of a link. With
-telescopes a cell holds intervals of all joints that do not close the chain (`telescope_cells`).
+With more joints, a cell also holds intervals of the angles of the first n − 3 joints. Their links
+are removed one by one: the formulas for D and α give the tip's position as seen from the end of
+each link. With telescopes a cell holds intervals of all joints that do not close the chain
+(`telescope_cells`).
 """
 
 from __future__ import annotations
@@ -57,13 +59,12 @@ from mhsb_planner.search.s2_step import (
 )
 
 BOUND_TOLERANCE = 1e-3
-"""Largest gap between the bound found and the true minimum, as a share of the minimum [-]. The
-branch and bound stops there.
+"""Gap between the bound found and the true minimum at which the branch and bound stops, as a share
+of the minimum [-].
 """
 
 MIN_CELL_WIDTH = 1e-5
-"""Width below which a cell is not halved further [rad; for a telescope range/π stands for 1 rad].
-"""
+"""Width below which a cell is not halved further [rad]; range/π of a telescope stands for 1 rad."""
 
 FIRST_CELLS = 32
 """Number of cells into which the range of ψ is divided at first, for each elbow branch. With
@@ -184,7 +185,7 @@ class CostFromStart(NamedTuple):
 def _compute_cell_bounds(
     cost: CostFromStart, tip: tuple[float, float], elbow: int, cell: FloatArray, w: FloatArray
 ) -> Interval:
-    """Compute lower bounds on the cost to a cell: for all its postures, and for its middle.
+    """Compute lower bounds on the cost to all postures of a cell, and to its middle posture.
 
     Args:
         cost: Machine, cylinder lengths at the start, and weights.
@@ -237,13 +238,14 @@ def _branch_and_bound(
         tip: Tip position (x, z) [m].
         ranges: Lower end, upper end and unit of each free coordinate, shape (n - 2, 3) [rad or m].
             Widths are divided by the unit before they are compared.
-        best_sampled_bound: Least bound for a single goal posture that is known already, at any tip
-            position; inf means none. A small value ends the halving earlier.
+        best_sampled_bound: Least known bound for a single goal posture at any tip position; inf
+            means none. A small value ends the halving earlier.
         most_cells: Largest number of cells that halving may add to the first 2 · FIRST_CELLS.
 
     Returns:
-        Lower bound on the cost [-], inf if no posture reaches the tip position. Then the least of
-        `best_sampled_bound` and the bounds for the middle postures of all cells.
+        Two values. The first is the lower bound on the cost [-]; inf if no posture reaches the tip
+        position. The second is the least of `best_sampled_bound` and the bounds for the middle
+        postures of all cells.
     """
     n, cell_capacity = len(cost.start), 2 * FIRST_CELLS + most_cells
     work, cell = np.empty((5, n)), np.empty((cell_capacity, n - 2, 2))
@@ -309,9 +311,8 @@ def bound_cost_to_goals(
 ) -> float:
     """Compute a lower bound on the cost of every plan from a start to the goal, in any modes.
 
-    The bound is the minimum over all admissible tip positions and all postures there, not only the
-    sampled ones. It comes from branch and bound. Mode switches and the manipulability loss do not
-    count.
+    The bound, by branch and bound, is the minimum over all admissible tip positions and all their
+    postures, sampled or not. Mode switches and the manipulability loss do not count.
 
     Args:
         machine: The arm without a slewing joint.
@@ -384,8 +385,8 @@ def _bound_cost_to_tips(
         cost: Machine, cylinder lengths at the start, and weights.
         tips: Tip positions (x, z), shape (k, 2) [m].
         psi_range: Least and greatest end-link angle [rad]; None means any.
-        best_sampled_bound: Least bound to a single goal posture that is known already; inf means
-            none. A small value ends the search earlier. The result is a lower bound with any value.
+        best_sampled_bound: Least known bound for a single goal posture; inf means none. A small
+            value ends the search earlier. For every value, the result is a lower bound.
         most_cells: Limit on the effort for each tip position: largest number of cells that the
             branch and bound adds.
 
@@ -406,7 +407,8 @@ def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:
     """Return the range and the unit of each free joint coordinate of a goal posture.
 
     Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
-    are the positions of all joints but the last two turning ones; the range of ψ is then ignored.
+    are the positions of all joints except the last two turning joints; the range of ψ is then
+    ignored.
 
     Args:
         machine: The arm without a slewing joint.

@@ -1,7 +1,7 @@
 """Local improvement of a cylinder path: remove waypoints, move waypoints, change the goal posture.
 
-A change is kept only if it makes the whole path cheaper. The path therefore never gets worse, and
-the work can end after any change.
+A change is kept only if it makes the whole path cheaper. The path therefore never becomes worse,
+and the improvement can end after any change.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def remove_waypoints(
 ) -> tuple[FloatArray, float]:
     """Remove inner waypoints of a cylinder path as long as its cost does not increase.
 
-    One inner waypoint after the other is left out, and the path without it is priced.
+    For each inner waypoint in turn, the path without this waypoint is priced.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -80,7 +80,7 @@ def remove_waypoints(
         via: Waypoints, shape (points, n) [m]; not changed.
         start: Joint positions at via[0], shape (n,) [rad or m].
         cost: Cost of the path.
-        deadline: Instant after which no more waypoints are tried; the remaining ones stay.
+        deadline: Instant after which no more waypoints are tried; untried waypoints stay.
 
     Returns:
         The remaining waypoints (`via` itself if all remain), and the cost of the path through them.
@@ -104,7 +104,7 @@ def sweep_waypoints(
     strides: Strides,
     deadline: Deadline = NO_DEADLINE,
 ) -> float:
-    """Run one sweep of a compass search: try to move each waypoint of a path but the start.
+    """Run one sweep of a compass search: try to move each waypoint of a path except the start.
 
     The sweep tries to move each inner waypoint along each cylinder by a stride, and keeps each move
     that makes the path cheaper. The last waypoint moves by changes of the goal posture. A path with
@@ -116,7 +116,8 @@ def sweep_waypoints(
         path: The path; its waypoints and free coordinates are changed in place.
         cost: Cost of the path.
         strides: Strides of the sweep.
-        deadline: Instant after which no more waypoints are tried; the remaining ones stay.
+        deadline: Instant after which no more waypoints are tried; untried waypoints stay as they
+            are.
 
     Returns:
         Cost of the changed path, at most `cost`.
@@ -176,8 +177,8 @@ def sweep_waypoint(
     together, in all 3^m − 1 directions. A move that makes the path cheaper is kept at once, and the
     trials go on from there.
 
-    Call the function for i = 1, 2, … in sequence, because the working memory carries the costs up
-    to the previous waypoint.
+    The function must be called for i = 1, 2, … in sequence, because the working memory holds the
+    costs up to the previous waypoint.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -189,8 +190,8 @@ def sweep_waypoint(
         strides: Sizes of the moves: stroke of inner waypoints [m], and change of each free
             coordinate [rad or m].
         i: Index of the waypoint, at least 1.
-        ahead: Costs from each waypoint to the end by mode combination, shape (points, patterns), as
-            `compute_costs_to_go` returned them before the sweep.
+        ahead: Costs from each waypoint to the end, by mode combination of arrival, shape (points,
+            patterns). `compute_costs_to_go` gives them before the sweep.
 
     Returns:
         Cost of the changed path, at most `cost`.

@@ -40,18 +40,18 @@ class SearchLimits:
         psi_spacing: Spacing of the goal postures along the end-link angle ψ [rad].
         max_first_spacing: Upper bound on the spacing of the first lattice [m].
         min_spacing: Lower bound on the spacing of the last lattice, if there is a path already [m].
-        finest_step_count: Number of steps of the last lattice over the largest stroke of a path
-            that may be cheaper. `min_spacing` and `max_last_spacing` limit the spacing that
-            follows.
+        finest_step_count: Number of steps of the last lattice over the largest stroke that a
+            cheaper path may have. The spacing that follows is limited to `min_spacing` …
+            `max_last_spacing`.
         spacing_ratio: Largest ratio of the spacings of two successive lattices [-].
-        max_expansions: With an incumbent, lattices are no longer searched after all searches
-            together have expanded this number of states.
-        max_last_spacing: Spacing of the last lattice if there is no path yet, and upper bound on it
-            otherwise [m].
+        max_expansions: Number of states in all lattice searches together. If there is an incumbent,
+            no lattice is searched after this number.
+        max_last_spacing: Spacing of the last lattice if there is no path yet; otherwise an upper
+            bound on this spacing [m].
         stride_shares: Strides of the compass search in the order of use, as shares of the lattice
             spacing.
-        goal_turn: Change of a free coordinate of the goal posture for a stride of one lattice
-            spacing [rad]. For a telescope range/π stands for 1 rad.
+        goal_turn: Change of a free coordinate of the goal posture that corresponds to a stride of
+            one lattice spacing [rad]. For a telescope, range/π stands for 1 rad.
         max_sweeps: Largest number of sweeps with each stride.
     """
 
@@ -85,9 +85,8 @@ class SearchLimits:
 WITH_AREA = SearchLimits(max_expansions=40_000, stride_shares=(0.5, 0.25, 0.1))
 """Search limits if the manipulability loss has a weight.
 
-Lower bounds are then weak, so that more states are expanded. The last stride is longer. Shorter
-strides would exploit the approximation of the loss by a sum over pieces, without a gain in the real
-cost.
+Lower bounds are weak in this case, so more states may be expanded. The last stride is longer,
+because shorter strides would only exploit that the loss is approximated by a sum over pieces.
 """
 
 
@@ -104,7 +103,7 @@ class CylinderPath:
             `GoalPostures`. Refinement may have changed them.
         cost: Cost w₁ E + w₂ T + w₃ switches + w₄ M in the cheapest sequence of mode combinations
             [-].
-        pieces: Pieces of the path, if they were computed with its cost; None otherwise.
+        pieces: Pieces of the path, if they were computed together with the cost; None otherwise.
     """
 
     waypoints: FloatArray
@@ -122,7 +121,7 @@ class SearchProblem:
     Attributes:
         machine: The arm without a slewing joint.
         cost_model: Cost model of the search.
-        buffers: Working memory for pricing; it makes the problem usable by one thread only.
+        buffers: Working memory for pricing, because of which only one thread may use the problem.
         start: Start posture, shape (n,) [rad or m].
         start_lengths: Cylinder lengths in the start posture, shape (n,) [m].
         goals: Goal postures.
@@ -204,7 +203,8 @@ class SearchProblem:
 
         Args:
             via: Waypoints (cylinder lengths), shape (points, n) [m]; the first is the start.
-            limit: The path is given up when a lower bound on its cost reaches this.
+            limit: Cost at which the path is given up; a lower bound on the path's cost is compared
+                with it.
 
         Returns:
             The cost; inf if the path is inadmissible or its cost reaches the limit.
@@ -241,10 +241,10 @@ def bound_goal_costs(
 ) -> FloatArray:
     """Compute a lower bound on the cost of a path from the start to rest in each goal posture.
 
-    The bound is `least_move_cost` plus the cost of mode switches. These lead from the modes at the
-    start to the modes that hold the arm in the goal posture.
+    The bound is `least_move_cost` plus the cost of the mode switches from the modes at the start to
+    the modes that hold the arm in the goal posture.
 
-    The unit tests compare the result with holding modes in plain Python.
+    Test oracle: holding modes in plain Python.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

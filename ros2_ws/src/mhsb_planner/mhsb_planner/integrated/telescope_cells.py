@@ -1,8 +1,9 @@
 """Boxes of cylinder lengths that enclose the goal postures of a chain with telescopes.
 
-The last two turning joints, i < j, close the chain; a cell holds intervals of all other joints. No
-joint turns between i and j, nor beyond j. The links there lie on two lines of the lengths D₁ and
-D₂. With the tip at distance R from joint i, in direction φ, the cosine rule gives
+The last two turning joints, i < j, close the chain; a cell holds intervals of all other joints.
+Joints between i and j, and beyond j, slide. So the links from i to j form a line of length D₁, and
+the links beyond j a line of length D₂. With the tip at distance R from joint i, in direction φ, the
+cosine rule gives
 
     cos|qⱼ| = (R² − D₁² − D₂²)/(2 D₁ D₂)      cos β = (R² + D₁² − D₂²)/(2 R D₁)
     θᵢ = φ − sgn(qⱼ) β
@@ -29,8 +30,8 @@ from mhsb_planner.integrated.intervals import (
 )
 
 MIN_DENOMINATOR = 1e-12
-"""Smallest denominator of a cosine [m²]; a smaller one is replaced by it, so that any angle is
-enclosed.
+"""Smallest denominator of a cosine [m²]; smaller denominators are raised to it, so that the range
+of the angle stays an enclosure.
 """
 
 
@@ -40,9 +41,9 @@ def enclose_with_telescopes(
 ) -> bool:
     """Compute the range of each cylinder length in a cell of postures, for a telescopic arm.
 
-    A cell holds an interval for each joint but the last two turning ones, which follow from the
-    others and the tip position. Interval arithmetic gives ranges that may be too wide, but never
-    too narrow.
+    A cell holds an interval for each joint except the last two turning joints, whose angles follow
+    from the other joints and the tip position. Interval arithmetic gives ranges that may be too
+    wide, but never too narrow.
 
     Args:
         m: Arrays of the machine.
@@ -140,7 +141,7 @@ def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval
 
 @kernel
 def _shoulder_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
-    """Return the range of the angle β [rad] at joint i, between the lines to joint j and the tip.
+    """Return the range of the angle β [rad] at joint i, from the direction of joint j to the tip's.
 
     Args:
         radius: Range of the distance R between joint i and the tip [m].
