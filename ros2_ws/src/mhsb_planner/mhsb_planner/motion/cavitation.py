@@ -52,7 +52,7 @@ def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
 
     Returns:
         Boolean array, shape (k, n), one row for each step and one column for each actuator. True if
-        the actuator cavitates at one of the three postures or at several.
+        the actuator cavitates in at least one of the three postures.
     """
     start, end = path.posture[:-1], path.posture[1:]
     velocity = (end - start) / path.duration[:, None]

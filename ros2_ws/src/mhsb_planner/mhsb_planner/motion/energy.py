@@ -5,36 +5,37 @@
 v_j is the piston speed of actuator j [m/s]. A_dir is the area of the chamber that fills [m²], and
 q_leak the leakage of a valve [m³/s]. The price is the energy per volume of oil [Pa]:
 
-- Mode N: the main pump's pressure P_S, whatever the load.
+- Mode N: the main pump's pressure P_S for any load.
 - Boost in the reading `paper`: p_L/η, at least P_S. p_L is the load pressure and η the efficiency
   of the servo pump.
 - Boost in the reading `series`, with main pump and servo pump in series: P_S + (p_supply − P_S)/η.
   p_supply is the result of `hydraulics.compute_boosted_supply`; in mode SB it is the rail's
   pressure.
 
-A cylinder up to the speed MAX_HELD_SPEED counts as held: its load decides the direction of p_L.
+A cylinder up to the speed MAX_HELD_SPEED counts as held; p_L is then taken in the direction against
+its load.
 
-Four effects count in the reading `series` only. The flows of the reading `paper` depend on neither
-pressure nor time.
+Four effects count in the reading `series` only, since the flows of the reading `paper` depend on
+neither pressure nor time.
 
 - The leakage of a valve depends on p_supply (`hydraulics.compute_valve_leakage`).
-- Oil slips back through a servo pump, which raises its pressure again
+- Oil slips back through a servo pump, which must then raise the pressure of this oil again
   (`hydraulics.compute_slip_flow`).
 - A boosted cylinder that accelerates its load gets at least the pressure
   p_L(F + inertia) + m(v) + margin/2. F is the force of gravity, m(v) the pressure drop over the
   valve and `margin` the boost margin.
 - A line is charged from P_S to its supply pressure p before its boost begins.
 
-A line reaches p some time before its cylinder needs it. Pumps take time and may be slower than is
-known. To charge the line, its servo pump takes
+A line reaches p some time before its cylinder needs this pressure, because pumps take time and may
+be slower than expected. To charge the line, its servo pump needs the energy
 
     E = [½ (V/β) (p − P_S)² + (A_dir |v| + leakage + slip) (p − P_S) T] / η
 
     T = CHARGED_AHEAD · preview
 
 V is the volume of the line and β the bulk modulus of the oil. The first term compresses the oil.
-The second is the flow that cylinder, valve and the gaps of the pump take during T. The first
-actuators on the rail also charge the rail's volume, in equal parts.
+The second is the flow that cylinder, valve and the gaps of the pump take during T. If the rail was
+not in use before, the actuators that join it also charge its volume, in equal parts.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ class Energy:
         paper: Energy in the reading `paper`, the published model.
         main_pump: Energy that the main pump delivers.
         servo_pumps: Shaft work of the servo pumps.
-        servo_pump_losses: Part of the shaft work that does not reach the oil, or is lost by slip.
+        servo_pump_losses: Part of the shaft work that is lost by the pumps' efficiency and slip.
         leakage: Energy of the oil that leaks through the valves to the tank.
         piston_work: Work of the pistons against gravity; negative if loads are lowered.
         return_oil: Energy left in the oil that flows to the tank.
@@ -184,7 +185,7 @@ def _add_charging(
 
     Returns:
         Energy with charging [J]. The shaft work of the charging is added to `servo_pumps`. The part
-        that efficiency and slip take is added to `servo_pump_losses`.
+        that is lost by efficiency and slip is added to `servo_pump_losses`.
     """
     charging, slipped = compute_charging(machine, profile.speed, profile.force, modes)
     losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging + slipped
@@ -199,9 +200,9 @@ def compute_charging(
 
     A boost begins in an interval in a boosted mode if the interval before was in mode N. By then
     the pressure in the actuator's line must have risen from the main pump's pressure to the boosted
-    pressure. The line has the boosted pressure already for a time before the boost. The oil that
-    cylinder, valve and pump gaps take in this time counts, too. A boost in force in the first
-    interval costs nothing.
+    pressure. The line has the boosted pressure for some time before the boost begins. The oil that
+    cylinder, valve and pump gaps take during this time counts, too. A boost that is in force in the
+    first interval needs no charging.
 
     Args:
         machine: Machine with its circuit and servo settings.
@@ -211,7 +212,7 @@ def compute_charging(
         modes: Mode codes of each interval, shape (k, n).
 
     Returns:
-        Shaft work of the servo pumps, and the hydraulic work that slip takes [J].
+        Shaft work of the servo pumps, and the hydraulic work that is lost by slip [J].
     """
     m, circuit = machine.arrays, machine.config.circuit
     ahead = CHARGED_AHEAD * machine.servo_preview
@@ -406,7 +407,7 @@ def _compute_powers(
 ) -> None:
     """Compute the powers of pumps, losses and loads in one motion state.
 
-    The unit tests compare the powers with a calculation by hand.
+    Test oracle: a calculation by hand.
 
     Args:
         m: Arrays of the machine.
@@ -480,7 +481,7 @@ def _compute_charging_work(
     pumps is not included. If no actuator was on the shared rail before, the actuators that join it
     also charge the rail's volume, in equal parts.
 
-    The unit tests compare the result with sums computed by hand.
+    Test oracle: sums computed by hand.
 
     Args:
         m: Arrays of the machine.
@@ -493,7 +494,7 @@ def _compute_charging_work(
         modes: Mode codes of each interval, shape (k, n).
 
     Returns:
-        Work of the pumps on the oil, and the part of it that slip takes [J].
+        Work of the pumps on the oil, and the part of this work that is lost by slip [J].
     """
     oil, work, slipped = get_shared_hydraulics(m), 0.0, 0.0
     line_volume, rail_volume = volumes

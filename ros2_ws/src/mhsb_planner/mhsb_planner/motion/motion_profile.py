@@ -35,8 +35,8 @@ class MotionProfile:
         force: Piston forces under gravity F = τ_g(q)/r(q), positive if they resist extension,
             shape (k, n) [N].
         tip: Tip positions (x, z), shape (k, 2) [m].
-        inertia: Piston forces from inertia (M q̈ + C q̇)/r, which add to F, shape (k, n) [N]. All 0
-            if accelerations were not given.
+        inertia: Piston forces from inertia (M q̈ + C q̇)/r, to be added to F, shape (k, n) [N]. All
+            0 if accelerations were not given.
         position: Joint positions, shape (k, n) [rad or m].
     """
 
@@ -91,7 +91,7 @@ def compute_motion_profile(
         position: Joint positions, shape (k, n) [rad or m].
         velocity: Joint velocities, shape (k, n) [rad/s or m/s].
         acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes all inertia
-            forces 0, also those that joint velocities cause.
+            forces 0, including those that joint velocities cause.
 
     Returns:
         Profile with k rows: piston speeds [m/s], piston forces under gravity [N], piston forces
@@ -132,7 +132,7 @@ def _compute_middle_profile(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute the profile of a trajectory half-way in time between its points.
 
-    The unit tests compare the result with the profile of states from `Trajectory.sample_many`.
+    Test oracle: the profile of states from `Trajectory.sample_many`.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -155,8 +155,9 @@ def _compute_profile(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute piston speeds, gravity forces, tip positions and inertia forces from frozen arrays.
 
-    It calls `compute_profile_arrays` with writable copies. Other kernels call that function with
-    writable arrays. numba would otherwise compile it twice, which takes longer than the copies.
+    This kernel calls `compute_profile_arrays` with writable copies, because all other kernels call
+    it with writable arrays. Otherwise numba would compile it twice, which takes longer than
+    copying.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -178,8 +179,7 @@ def compute_profile_arrays(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute piston speeds, gravity forces, tip positions and inertia forces of k states.
 
-    This is the kernel of `compute_motion_profile`. The unit tests compare the result with the
-    methods of `Machine`.
+    Test oracle: the methods of `Machine`.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -191,7 +191,7 @@ def compute_profile_arrays(
     Returns:
         Piston speeds, positive in extension, shape (k, n) [m/s]; piston forces under gravity,
         positive if they resist extension, shape (k, n) [N]; tip positions (x, z), shape (k, 2) [m];
-        piston forces from inertia, which add to those under gravity, shape (k, n) [N].
+        piston forces from inertia, to be added to the gravity forces, shape (k, n) [N].
     """
     rows, n = position.shape
     speed, force, tip = np.empty((rows, n)), np.empty((rows, n)), np.zeros((rows, 2))

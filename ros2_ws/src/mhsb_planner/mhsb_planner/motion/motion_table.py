@@ -19,7 +19,7 @@ MODE_MEANINGS = {
     Mode.DB: "boosted by the actuator's own servo pump",
     Mode.SB: "boosted by servo pumps that share a rail",
 }
-"""Source of an actuator's oil in each mode, in words."""
+"""Meaning of each mode in words."""
 
 
 def format_switches(count: int) -> str:

@@ -1,9 +1,9 @@
 """Overloads: loads that even the highest boost pressure cannot hold.
 
-At rest the closed valve alone holds such a load. The search never lifts one. But a motion may begin
-with one, lower it, or let a cylinder rest under it while others move. The highest boost pressure is
-commanded even so, because the valve then has to hold least. The servo can correct downwards only,
-and the load may sag.
+At rest, the closed valve alone holds such a load. The search never lifts an overload. But a motion
+may begin with an overload, lower it, or let a cylinder rest under it while others move. The highest
+boost pressure is then commanded, because it leaves the smallest pressure difference over the closed
+valve. The servo can only lower the load, which may also sag.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from mhsb_planner.motion.motion_profile import MotionProfile
 
 @dataclass(frozen=True)
 class Overload:
-    """Rests of one actuator under loads that even the highest boost pressure cannot hold.
+    """Periods in which an actuator rests under a load that the highest boost pressure cannot hold.
 
     Attributes:
         actuator: Name of the actuator.
-        duration: Total duration of these rests [s].
+        duration: Total duration of these periods [s].
         pressure: Greatest supply pressure that would be needed to hold the load, with the boost
             margin [Pa].
         highest: Highest boost pressure [Pa].
-        at_end: True if the motion ends with such a rest.
+        at_end: True if the motion ends in such a period.
         sinking_speed: Greatest speed at which the load sinks because the closed valve leaks [m/s].
             0 if the valve does not leak, or if lock valves hold the load.
     """
@@ -69,8 +69,8 @@ def find_overloads(
         profile: Profile of the motion (piston speeds and forces) with k rows.
 
     Returns:
-        One overload for each such actuator, with the total duration of its rests [s] and the
-        greatest supply pressure that its load needs [Pa]. Empty if there is none.
+        One entry for each such actuator, with the total duration of its rests [s] and the greatest
+        supply pressure that its load needs [Pa]; empty if there is none.
     """
     highest = machine.arrays.max_boost_pressure
     pressure = compute_required_pressures(
@@ -95,7 +95,7 @@ def find_overloads(
 def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
     """Find the greatest speed at which loads sink because the closed valve leaks.
 
-    The highest boost pressure is taken as the supply pressure of the valve.
+    The supply pressure of the valve is assumed to be the highest boost pressure.
 
     Args:
         machine: Machine with its hydraulics.

@@ -10,10 +10,11 @@ from mhsb_model.linkages.linkage import evaluate_linkage, find_joint_angle
 from mhsb_model.types import FloatArray
 
 MAX_TAYLOR_STEP = 1e-5
-"""Largest second step by which `convert_to_joints` corrects a joint position [rad or m].
+"""Largest second correction of a joint position that `convert_to_joints` accepts [rad or m].
 
-With a smaller step the remaining error is below rounding. After a larger step `find_joint_angle`
-solves for the position instead."""
+After a smaller correction, the remaining error is below rounding. After a larger one,
+`find_joint_angle` solves for the position.
+"""
 
 
 @kernel
@@ -57,11 +58,10 @@ def convert_to_joints(
 
         q = L⁻¹(length),  q̇ = v/r,  q̈ = (v̇ − r′ q̇²)/r
 
-    L⁻¹ is the joint position that belongs to a cylinder length, and v is the piston speed.
-    r = dL/dq is the moment arm, and r′ = dr/dq its slope. The numerical search for a position
-    begins at the position of the previous instant. Beyond a joint limit the cylinder length is
-    extrapolated as a linear function of the joint position. Cylinder lengths beyond the limits
-    therefore give joint positions beyond the limits.
+    L⁻¹ maps a cylinder length to the joint position, and v is the piston speed. r = dL/dq is the
+    moment arm, and r′ = dr/dq its slope. The numerical search for a position begins at the position
+    of the previous instant. Beyond a joint limit, the cylinder length is a linear function of the
+    joint position. So cylinder lengths beyond the limits give joint positions beyond the limits.
 
     Args:
         m: Arrays of the machine.

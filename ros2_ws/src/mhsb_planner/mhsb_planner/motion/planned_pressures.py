@@ -20,8 +20,9 @@ def compute_planned_supply(
 ) -> FloatArray:
     """Compute the planned supply pressure in each actuator's line at k instants.
 
-    In mode N it is the main pump's pressure, in mode DB the pressure of the actuator's own servo
-    pump. In mode SB it is the pressure of the shared rail, which the most loaded actuator sets.
+    This is the main pump's pressure in mode N, the pressure of the actuator's own servo pump in
+    mode DB, and the pressure of the shared rail in mode SB. The rail has the highest pressure that
+    an actuator in SB needs.
 
     Args:
         machine: Machine with its hydraulics.

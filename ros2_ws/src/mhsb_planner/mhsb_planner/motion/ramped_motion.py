@@ -1,4 +1,4 @@
-"""Piston motions whose speeds change by ramps: changes with limited acceleration and jerk.
+"""Piston motions whose speeds change by ramps, with limited acceleration and jerk.
 
     L(t) = L₀ + v₀ t + Σᵢ Δvᵢ (R(t − tᵢ) − R(−tᵢ))
     v(t) = v₀ + Σᵢ Δvᵢ ρ(t − tᵢ)
@@ -27,7 +27,9 @@ SPEED_ROUNDING = 1e-9
 """Largest change of speed that counts as rounding [m/s]."""
 
 LIMIT_ROUNDING_FACTOR = 1.0 + 1e-6
-"""Factor on the limits of acceleration and jerk up to which an excess counts as rounding [-]."""
+"""Factor on the limits of acceleration and jerk; an excess up to this factor counts as rounding
+[-].
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +69,9 @@ class RampedMotion:
 
     @property
     def breaks(self) -> FloatArray:
-        """Times from 0 to the end of the motion between which the jerk is constant, shape (m,) [s].
+        """Times at which the jerk changes, from 0 to the end of the motion, shape (m,) [s].
 
-        Times less than `RAMP_TIME_STEP` apart are merged. Ramps whose changes of speed are mere
+        Times less than `RAMP_TIME_STEP` apart are merged. Ramps with changes of speed below
         rounding are left out.
         """
         return self._breaks_and_peaks[0]
@@ -117,13 +119,13 @@ class RampedMotion:
         return max(self.peaks) <= LIMIT_ROUNDING_FACTOR
 
     def superpose(self, other: RampedMotion) -> RampedMotion:
-        """Return the sum of this motion and another one, with the ramps of both.
+        """Return the sum of this motion and another motion, with the ramps of both.
 
         Start posture and initial cylinder lengths are taken from this motion. The speeds before the
         first ramp are added.
 
         Args:
-            other: Motion whose ramps are added. The times at the path's nodes are taken from it.
+            other: Motion whose ramps are added. The sum gets its `node_time`.
 
         Returns:
             The sum. Both motions stay unchanged.
@@ -145,7 +147,7 @@ class RampedMotion:
 def _find_breaks(
     at: FloatArray, change: FloatArray, rise: FloatArray, blend: FloatArray
 ) -> FloatArray:
-    """Compute the times between which the jerk of a ramped motion is constant.
+    """Compute the times at which the jerk of a ramped motion changes.
 
     A ramp changes the piston speeds by a trapezoid of acceleration. Counted from the ramp's
     beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
@@ -164,7 +166,7 @@ def _find_breaks(
             beginning, and falls for T₂ at its end.
 
     Returns:
-        Ascending times [s]. The first is 0, the last is the end of the last ramp, but not less than
+        Ascending times [s]. The first is 0. The last is the end of the last ramp, but at least
         RAMP_TIME_STEP.
     """
     inner, count, end = np.empty(4 * len(at)), 0, RAMP_TIME_STEP
@@ -204,7 +206,7 @@ def _sample_pistons(
     beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
     on. Ramps may have begun before time 0.
 
-    The unit tests compare the result with a numerical convolution of the path.
+    Test oracle: a numerical convolution of the path.
 
     Args:
         time: Times in ascending order from the start of the motion, shape (k,) [s].
@@ -268,8 +270,8 @@ def _find_breaks_and_peaks(
             beginning, and falls for T₂ at its end.
 
     Returns:
-        Times between which the jerk is constant, ascending from 0 [s]. Largest absolute
-        acceleration [m/s²] and jerk [m/s³] over all pistons.
+        Ascending times of the breaks from 0 [s], and the largest absolute acceleration [m/s²] and
+        jerk [m/s³] over all pistons.
     """
     time, still = _find_breaks(at, change, rise, blend), np.zeros(change.shape[1])
     _, _, acceleration = _sample_pistons(time, still, still, at, change, rise, blend)

@@ -21,9 +21,9 @@ def insert_rests(
 ) -> DiscretePath:
     """Insert a rest before given steps of a discrete path.
 
-    A rest is a step without motion, in the modes of the step that follows. It lasts as long as the
-    shortest ramp (change of speed within acceleration and jerk limits) from V_max to rest, T [s].
-    During a rest the n valves leak, which takes the energy
+    A rest is a step without motion, in the modes of the step that follows. Its duration T [s] is
+    that of the shortest ramp (change of speed within acceleration and jerk limits) from V_max to
+    rest. During a rest the n valves leak, which takes the energy
 
         E = P_S n q_leak T    [J]
 
@@ -33,8 +33,8 @@ def insert_rests(
         machine: Machine with all its joints.
         path: The path; it stays unchanged.
         step_indices: Indices in `path` of the steps before which the arm rests.
-        weights: Weights with which energy and time of the rests are added to the path's cost. None
-            leaves the cost as it is.
+        weights: Weights for adding energy and time of the rests to the path's cost. None leaves the
+            cost as it is.
 
     Returns:
         Copy of the path with one more step for each rest.

@@ -1,21 +1,21 @@
 """Coasting: the motion that brings a moving arm to rest within acceleration and jerk limits.
 
-It consists of ramps: changes of speed with limited acceleration and jerk (`s3_ramps`). Each piston
-has a length L₀, a speed v₀ and an acceleration a₀ at time 0. They are explained by a ramp from a
-speed v_a to a speed v_b that began at the time −τ. At the time δ a ramp to rest begins. With the
-functions k, ρ and R = ∫ρ of the ramp,
+The motion consists of ramps: changes of speed with limited acceleration and jerk (`s3_ramps`). At
+time 0, each piston has a cylinder length L₀, a speed v₀ and an acceleration a₀. Speed and
+acceleration are explained by a ramp from a speed v_a to a speed v_b that began at the time −τ. At
+the time δ, a ramp to rest begins. With the functions k, ρ and R = ∫ρ of the ramp,
 
     v₀ = v_a (1 − ρ(τ)) + v_b ρ(τ),   a₀ = (v_b − v_a) k(τ)
     L(t) = L₀ + v_a t + (v_b − v_a) (R(t + τ) − R(τ)) − v_b R(t − δ)
 
 The piston comes to rest at L₀ + v_b (T_r/2 + δ) + (v_b − v_a) (τ − T_r/2 − R(τ)), where T_r is the
-duration of the ramp. A path may start from this rest at the time δ, before the piston gets there.
-The motion along the path is then added to the coasting. If the path begins with the speed v_b, the
-piston just keeps this speed.
+duration of the ramp. A path may start from this resting place at the time δ, before the piston gets
+there. The motion along the path is then added to the coasting. So the piston keeps the speed v_b if
+the path begins with this speed.
 
 Many pairs (v_a, v_b) lead to the same state. v_a = 0 is chosen if the piston speeds up, and v_b = 0
-if it slows down, as far as both stay within V_max. δ is 0 if the limits allow it. Otherwise δ grows
-until the jerks of both ramps together keep the limit.
+if it slows down, if both speeds stay within V_max. δ is 0 if the limits allow this. Otherwise δ
+grows until the jerks of both ramps together keep the limit.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Coasting:
 
     Attributes:
         motion: Motion of the pistons. Its last ramp (change of speed) brings them to rest.
-        trajectory: Motion of the joints that belongs to it, with stamp 0.
+        trajectory: The same motion as a trajectory of the joints, with stamp 0.
     """
 
     motion: RampedMotion
@@ -110,7 +110,8 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
     a delay. The ramp of `_choose_ramp` is tried first, then the shortest ramp from V_max if it
     differs. For each ramp, the delay grows from 0 in MOST_PARTS steps of T₂/2. T₂ is the time in
     which the ramp's acceleration builds up. Each delay is rounded up to a multiple of
-    RAMP_TIME_STEP. Longer delays and ramps need less acceleration or jerk.
+    RAMP_TIME_STEP. Longer ramps need less acceleration and jerk. A longer delay separates the ramp
+    from the change of speed that is still under way.
 
     Args:
         machine: Machine that moves.
@@ -134,7 +135,8 @@ def _compute_coasting_motion(
 
     A ramp changes speeds by a trapezoid of acceleration, which builds up in the time T₂. All
     pistons come to rest by one ramp, which begins at the time δ. Each piston also completes a ramp
-    of its own. This ramp began in the past and gives its speed and acceleration at the start.
+    of its own, which began in the past and explains the piston's speed and acceleration at the
+    start.
 
     Args:
         machine: Machine that moves.
@@ -143,8 +145,8 @@ def _compute_coasting_motion(
         parts: Delay δ as a multiple of T₂/2. δ is rounded up to a multiple of RAMP_TIME_STEP.
 
     Returns:
-        Motion of the pistons with n + 1 ramps: the ramp of each piston that began in the past, and
-        last the common ramp to rest.
+        Motion of the pistons with n + 1 ramps: first the past ramp of each piston, then the common
+        ramp to rest.
     """
     m, n = machine.arrays, machine.joint_count
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
@@ -167,8 +169,8 @@ def _compute_coasting_motion(
 def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
     """Choose the ramp (smooth change of speed) that brings all pistons to rest.
 
-    It is the shortest ramp from the highest piston speed to rest. If a piston's acceleration
-    exceeds STEADY_ACCELERATION_SHARE of the limit, it is the shortest ramp from V_max instead.
+    The result is the shortest ramp from the highest piston speed to rest. If a piston's
+    acceleration exceeds STEADY_ACCELERATION_SHARE of the limit, it is the shortest ramp from V_max.
 
     Args:
         machine: Machine that moves.
@@ -190,13 +192,13 @@ def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) 
 def _infer_past_changes(
     m: MachineArrays, rise: float, blend: float, speed: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Find a past change of speed that explains speed and acceleration of each piston now.
+    """Find a past change of speed that explains the present speed and acceleration of each piston.
 
     The change is a ramp from the speed v_a to the speed v_b. It began a time τ before now. For a
     piston that speeds up, v_a is set to 0 and v_b is computed. For a piston that slows down, v_b is
     set to 0 and v_a is computed. If the computed speed exceeds V_max, it is set to V_max and the
     other speed is computed, unless the piston already exceeds V_max. For a piston without
-    acceleration, v_a and v_b are its speed now, and τ is half the duration of the ramp.
+    acceleration, v_a and v_b are its present speed, and τ is half the duration of the ramp.
 
     Args:
         m: Arrays of the machine.

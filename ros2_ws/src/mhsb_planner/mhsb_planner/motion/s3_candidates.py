@@ -1,6 +1,6 @@
 """Curves that S3 tries along a discrete path, in the order of trial (`s3_trajectory`).
 
-The last of them is the stepped path, which rests at every node.
+The last curve is the stepped path, which rests at every node.
 """
 
 from __future__ import annotations
@@ -56,13 +56,14 @@ class SteppedPath:
 
     @property
     def breaks(self) -> FloatArray:
-        """Times between which the curve is smooth: the nodes' times [s]."""
+        """Times at which the curve is not smooth: the times of the nodes [s]."""
         return self.node_time
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the joint motion at given times.
 
-        Before time 0 and after the end the arm rests at the path's first or last posture.
+        Before time 0 the arm rests at the path's first posture, and after the end at its last
+        posture.
 
         Args:
             time: Times from the start of the motion, in any order, shape (m,) [s].
@@ -123,7 +124,8 @@ TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
 FOLLOWED_SPEED_EXCESS = 1.001 * USAGE_RESERVE - 1.0
 """Largest speed excess |v|/V_max − 1 of a piston on a path that is followed with ramps [-].
 
-The ramps keep V_max by construction. The excess allows for USAGE_RESERVE and rounding only."""
+The ramps keep V_max by construction. The excess only allows for USAGE_RESERVE and rounding.
+"""
 
 
 class FitMethod(StrEnum):
@@ -158,17 +160,18 @@ class FitRules:
     A ramp is a change of piston speed with limited acceleration and jerk.
 
     Attributes:
-        trajectory: `polynomial` tries the polynomial of degree 6 first, `followed` leaves it out.
-        polynomial_only: True if no other curve is tried after the polynomial broke a limit.
+        trajectory: Curve that is tried first: `polynomial` is the polynomial of degree 6,
+            `followed` leaves the polynomial out.
+        polynomial_only: True if no other curve is tried when the polynomial breaks a limit.
         stepped: True if the path may be followed step by step, with a rest at every node.
         switching: Rules for switching modes.
         ramp_factors: Factors on the duration of the shortest ramps, in the order of trial [-].
         last_ramp_factor: Further factor on the duration of the motion's last ramp [-].
-        max_stretch: Largest factor on a curve's duration. It is a multiple of the factor that is
-            tried first [-].
+        max_stretch: Largest factor on a curve's duration, as a multiple of the factor that is tried
+            first [-].
         max_excess: Largest excess of a piston speed, |v|/V_max − 1 [-].
-        max_overrun: Distance that a piston may travel in its initial direction beyond what braking
-            and the path need [m].
+        max_overrun: Distance by which a piston may travel farther in its initial direction than
+            braking and the path need [m].
         min_duration: Shortest duration to which the discrete path is stretched [s].
         via_points: Via points that the tip must pass on its way.
     """
@@ -197,7 +200,7 @@ class CurveCandidate:
 
     Attributes:
         path: Discrete path that the curve follows.
-        method: Method that the fitted motion will state.
+        method: Method that the fitted motion reports.
         name: Words that describe the curve in messages.
         curve_at: Function that computes the curve from a factor on the duration of each step of the
             path, shape (k,) [-].
@@ -207,9 +210,10 @@ class CurveCandidate:
         furthest_travel: Travel of each joint in the direction of its initial velocity that braking
             and the path need, shape (n,) [rad or m]. None means that travel is not checked.
         coasts: True if the curve begins while the arm moves, False if it begins at rest.
-        stretchable: Effects of time on limits. If a limit with one of these effects is broken, the
-            curve is slowed. If any other limit is broken, the curve is refused.
-        slows_pieces: True if only the steps around a violation become longer, False if all do.
+        stretchable: Effects of time for which the curve may be slowed. If a limit with another
+            effect is broken, the curve is refused.
+        slows_pieces: True if only the steps around a violation become longer, False if all steps
+            do.
         max_stretch: Largest factor on the duration, as a multiple of `stretch` [-]. None means
             `FitRules.max_stretch`.
         only_after_thrust_lack: True if the curve is tried only after the previous curve was refused
@@ -242,8 +246,8 @@ def iterate_candidates(
 ) -> Iterator[CurveCandidate]:
     """Yield the curves to try along a discrete path, in the order of trial.
 
-    If `coast` is a `Steering`, one curve leads from the moving start straight to the goal, and no
-    other curve is tried. Otherwise the order is:
+    If `coast` is a `Steering`, the only curve leads from the moving start straight to the goal.
+    Otherwise the order is:
 
     1. The polynomial, if `rules.trajectory` is `polynomial`. With `rules.polynomial_only` it is the
        only curve.
@@ -253,8 +257,8 @@ def iterate_candidates(
        step in which the boost of an actuator begins.
     4. The path step by step with a rest at every node, after `brake`, if `rules.stepped`.
 
-    If an actuator was switched so recently that it may not be switched yet, 3 and 4 follow a second
-    time, after a rest.
+    If an actuator was switched so recently that it may not be switched again yet, curves 3 and 4
+    follow a second time, after a rest.
 
     Args:
         machine: Machine that moves.
@@ -268,7 +272,7 @@ def iterate_candidates(
         rules: Settings of the fit.
 
     Yields:
-        Curves with the rules by which they are tried. They are not computed yet.
+        Curves with the rules by which they are tried; the curves are computed later.
     """
     rest = MotionState.at_rest(path.posture[0])
     if isinstance(coast, Steering):
@@ -313,7 +317,7 @@ def iterate_candidates(
 
 
 def _find_boost_steps(path: DiscretePath) -> IntArray:
-    """Find the steps of a path, without the first step, at which an actuator's boost begins.
+    """Find the steps of a path at which an actuator's boost begins, except the first step.
 
     Args:
         path: Discrete path. Only `modes` is read.
@@ -334,11 +338,11 @@ def _iterate_ramped(
     rules: FitRules,
     words: str = "",
 ) -> Iterator[CurveCandidate]:
-    """Yield curves along a discrete path, with slower and slower changes of speed (ramps).
+    """Yield curves along a discrete path with ever slower changes of speed (ramps).
 
     Each curve after the first is marked to be tried only if the pressure was too low for the
-    previous one. All curves may be slowed if valves or pumps cannot follow. The last of the curves
-    that begin at rest may also be slowed if the pressure is too low.
+    previous curve. All curves may be slowed if valves or pumps cannot follow. The last of the
+    curves that begin at rest may also be slowed if the pressure is too low.
 
     Args:
         machine: Machine that moves.
@@ -382,17 +386,17 @@ def _create_polynomial(
     """Create the published curve, one polynomial of degree 6 per joint, as a curve to try.
 
     Two rules hold if the arm moves at the start. The polynomial must not be slowed after its first
-    trial. No joint may travel farther in its initial direction than braking and the path take it.
+    trial. No joint may travel farther in its initial direction than during braking and the path.
 
     Args:
         path: Discrete path.
         start: State of the joints at the start.
         brake: Motion that brings a moving arm to rest; None if the arm is at rest. The polynomial
-            is fitted to be at the path's first node after half the duration of this motion.
+            reaches the path's first node after half the duration of this motion.
 
     Returns:
-        Curve to try. If the path is shorter than SHORTEST_MOVE, the first trial already stretches
-        it to this duration.
+        Curve to try. If the path takes less time than SHORTEST_MOVE, the first trial already
+        stretches it to this duration.
     """
     shortest = max(1.0, SHORTEST_MOVE / float(compute_node_times(path)[-1]))
     if brake is None:
@@ -419,14 +423,14 @@ def _create_polynomial(
 
 
 def compute_furthest_travel(start: MotionState, position: FloatArray) -> FloatArray:
-    """Compute how far each joint gets in the direction of its initial velocity.
+    """Compute the largest travel of each joint in the direction of its initial velocity.
 
     Args:
         start: State of the joints at the start.
         position: Joint positions along a motion, shape (k, n) [rad or m].
 
     Returns:
-        Largest travel from the start in this direction, shape (n,) [rad or m]. It is 0 for a joint
-        that is at rest at the start, and negative for a joint that only moves the other way.
+        Travel from the start, shape (n,) [rad or m]. It is 0 for a joint that is at rest at the
+        start, and negative for a joint that only moves the other way.
     """
     return np.max(np.sign(start.velocity) * (position - start.position), axis=0)

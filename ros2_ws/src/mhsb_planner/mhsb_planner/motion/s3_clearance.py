@@ -2,8 +2,8 @@
 
 The method is conservative advancement. If the clearance is c and no point of the arm is faster than
 V, the arm touches nothing for the time c/V. The clearance is computed again after this time, but at
-most once per millisecond. If c/V is shorter than a millisecond, the clearance must be at least half
-of the distance that a point moves in a millisecond. It is then positive between the checks, too.
+most once per millisecond. If c/V is shorter than a millisecond, c must be at least half of the
+distance V · 1 ms. The clearance is then also positive between the checks.
 
 Source: Mirtich, Impulse-based Dynamic Simulation, 1996, Section 2.
 """
@@ -31,7 +31,7 @@ The motion may then get nearer to this obstacle, or deeper into it, by at most t
 soon as the clearance exceeds this distance, the obstacle counts like any other."""
 
 REST_SPEED_LIMIT = 1e-9
-"""Least bound on the speed of the arm's points [m/s]. It avoids a division by 0 at rest."""
+"""Least bound on the speed of the arm's points [m/s], to avoid a division by 0 at rest."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
     """Find the first contact of a trajectory with an obstacle.
 
     An approach so close that a contact cannot be excluded counts as a contact. A motion that starts
-    in an obstacle, or nearer to it than START_LEEWAY, may leave the obstacle. Until then its
-    clearance (negative inside the obstacle) may fall by at most START_LEEWAY.
+    in an obstacle, or nearer to it than START_LEEWAY, may leave the obstacle. Until it has left,
+    the clearance (negative inside the obstacle) may fall by at most START_LEEWAY.
 
     Args:
         machine: Machine with its obstacles. The margin that discrete paths keep does not count.
@@ -79,7 +79,7 @@ def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) ->
 
     The check begins at the trajectory's last point at or before `now_ns`, or else at its first
     point. After the end of the trajectory the result is None. The margin that discrete paths keep
-    does not count. If the arm is in an obstacle when the check begins, it may leave it.
+    does not count. An arm that is in an obstacle when the check begins may leave the obstacle.
 
     Args:
         machine: Machine with its obstacles.
@@ -99,7 +99,7 @@ def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) ->
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module, whether the machine has obstacles or not.
+    """Compile the kernels of this module, even for a machine without obstacles.
 
     Args:
         machine: Machine whose number of joints gives the argument types.
@@ -167,7 +167,7 @@ def _search_first_contact(
     an obstacle if the start is in it, or nearer to it than START_LEEWAY. Until the clearance first
     exceeds START_LEEWAY, it may fall by at most START_LEEWAY.
 
-    The unit tests compare the result with clearances at instants 0.2 ms apart.
+    Test oracle: clearances at instants 0.2 ms apart.
 
     Args:
         m: Arrays of the machine.

@@ -13,7 +13,8 @@ Lengths and speeds are weighted means of lengths and speeds of the discrete path
 V_max and pump flows are therefore kept by construction. Acceleration and jerk are kept if the
 changes of speed are not too close in time; otherwise the ramps are made slower. The motion lasts
 one ramp longer than the path. If the arm moves at the start, its motion to rest (`s3_blend_in`) is
-added. The path then begins at once, or a little later if the acceleration would be too large.
+added to the motion along the path. The path begins at once, or a little later if the acceleration
+would be too large.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ They are tried in this order.
 """
 
 MAX_SLOWING_ROUNDS = 6
-"""Number of motions from rest that are tried, each with slower ramps, before the last is taken."""
+"""Largest number of motions from rest that are tried, each with slower ramps."""
 
 
 class PistonPath(NamedTuple):
@@ -92,9 +93,10 @@ class PathBeginning(NamedTuple):
             None if the arm is at rest.
         delay: Time at which the path's first ramp begins [s].
         ramp: Shorter ramp with which the path begins; None means the ramp of all other changes of
-            speed. If it equals the ramp to rest of `coast`, a piston whose speed stays the same
-            does not slow down in between. The middles of all ramps are placed as if each were this
-            ramp. If a longer ramp would begin before `delay`, this ramp is taken instead.
+            speed. If it equals the ramp to rest of `coast`, a piston with the same speed before and
+            after does not slow down in between. All ramps are placed by their middles, computed as
+            if each were this ramp. A longer ramp that would begin before `delay` is replaced by
+            this ramp.
     """
 
     coast: Coasting | None = None
@@ -122,8 +124,8 @@ def smooth_path(
         ramp: Ramp of all changes of speed.
         beginning: Time and ramp with which the path begins. Its `coast`, the motion by which a
             moving arm comes to rest, is added to the motion along the path.
-        last_ramp_factor: Factor on the duration of the last ramp [-]. The time of the ramp's middle
-            stays.
+        last_ramp_factor: Factor on the duration of the last ramp [-]. The middle of the ramp stays
+            at the same time.
 
     Returns:
         Motion of the pistons. It begins at the start of `beginning.coast`, or at the path's first
@@ -250,9 +252,9 @@ def compute_followed_path(
     """Compute a motion along a discrete path, within the limits of piston acceleration and jerk.
 
     Each change of the piston speeds is a ramp (smooth change). Motions with longer and longer ramps
-    are tried until one keeps the limits. The first ramps are the shortest ones for the fastest step
-    of the path, multiplied by `ramp_factor`. If the arm moves at the start, motions whose path
-    begins during `coast` are tried first. Motions whose path begins after `coast` follow.
+    are tried until one keeps the limits. The first ramps are the shortest for the fastest step of
+    the path, multiplied by `ramp_factor`. If the arm moves at the start, the path begins during
+    `coast` in the first motions, and after `coast` in the later ones.
 
     Args:
         machine: Machine that moves.
@@ -276,17 +278,18 @@ def compute_followed_path(
 def _iterate_slower_motions(
     path: PistonPath, slower: float, coast: Coasting | None, last: float
 ) -> Iterator[RampedMotion]:
-    """Yield motions along a path, with longer and longer ramps (smooth changes of speed).
+    """Yield motions along a path with ever longer ramps (smooth changes of speed).
 
-    If the arm moves at the start, the path begins before the pistons are at rest in these motions:
+    If the arm moves at the start, these motions come first, in which the path begins before the
+    pistons are at rest:
 
-    1. One motion whose path begins with a ramp as long as the pistons' ramp to rest. A piston that
-       keeps its speed then does not slow down in between.
+    1. One motion whose path begins with a ramp as long as the pistons' ramp to rest, so that a
+       piston that keeps its speed does not slow down in between.
     2. One motion for each factor of RAMP_DURATION_FACTORS on the ramps.
     3. Two motions whose path begins a little later.
 
-    MAX_SLOWING_ROUNDS motions follow in which the path begins from rest. If a motion exceeds the
-    limits by some factors, the ramps of the next motion are longer by these factors.
+    Then MAX_SLOWING_ROUNDS motions follow in which the path begins from rest. The ramps of a motion
+    are longer by the factors by which the previous motion exceeds the limits.
 
     Args:
         path: Path of the pistons.

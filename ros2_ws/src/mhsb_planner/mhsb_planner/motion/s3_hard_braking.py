@@ -1,9 +1,9 @@
-"""Braking along the path of a motion, harder and harder, up to the machine's limits.
+"""Ever harder braking along the path of a motion, up to the machine's limits.
 
-The braking is q(t) = Q(σ(t)) with the motion Q in force. Its rate σ̇ falls from 1 to 0 by a ramp
+The braking is q(t) = Q(σ(t)) with the motion Q in force. The rate σ̇ falls from 1 to 0 by a ramp
 (`s3_ramps`) of the duration T = T₁ + T₂, so that σ(T) = T/2. The pistons then have about the
-deceleration |v|/T₁ and the jerk |v|/(T₁T₂), with the speed v of the fastest piston.
-`mhsb_model.braking` brakes by another curve, with a low deceleration.
+deceleration |v|/T₁ and the jerk |v|/(T₁T₂), with the speed v of the fastest piston. The softer
+braking of `mhsb_model.braking` uses another curve.
 """
 
 from __future__ import annotations
@@ -27,27 +27,30 @@ from mhsb_planner.motion.trajectory_points import choose_point_times
 LIMIT_SHARES = (0.5, 0.75, 1.0)
 """Shares of the allowed acceleration and jerk that are tried one after the other [-].
 
-No share is below `s3_ramps.RAMP_LIMIT_SHARE`. With more shares the arm could brake a little softer,
-but more trials take longer."""
+No share is below `s3_ramps.RAMP_LIMIT_SHARE`. More shares would allow slightly softer braking, but
+take more time.
+"""
 
 MAX_SLOWING_ROUNDS = 6
-"""Number of times that a ramp is made slower before it is given up."""
+"""Number of times that a ramp is made slower before the trial is given up."""
 
 DIFFERENCE_TOLERANCE = 1.01
-"""Factor on the limits up to which an excess counts as an error of numerical differences [-]."""
+"""Factor on the limits; an excess up to this factor counts as an error of numerical differences
+[-].
+"""
 
 LOOK_NS = 4_000_000
-"""Time between the piston speeds whose differences give accelerations and jerks [ns]."""
+"""Sampling time of the piston speeds, whose differences give accelerations and jerks [ns]."""
 
 
 def iterate_harder_brakings(
     machine: Machine, trajectory: Trajectory, at_ns: int
 ) -> Iterator[Trajectory]:
-    """Yield motions that brake along a trajectory's path, each to rest sooner than the one before.
+    """Yield motions that brake along a trajectory's path, each harder than the one before.
 
     The pistons keep the machine's limits of acceleration and jerk. If the trajectory itself exceeds
-    a limit on the same stretch of its path, its own peak is allowed. If no braking keeps these
-    limits, they are raised by RAMP_LIMIT_SHARE of the machine's limits, and braking is tried again.
+    a limit on the same stretch of its path, its own peak is the limit. If no braking keeps these
+    limits, they are raised by RAMP_LIMIT_SHARE of the machine's limits for a second trial.
     Pressures and obstacles are not checked.
 
     Args:
@@ -56,9 +59,9 @@ def iterate_harder_brakings(
         at_ns: Absolute time at which the braking begins [ns].
 
     Yields:
-        Braking motions. They begin at `at_ns`, which is also their stamp. They come to rest before
-        the end of the trajectory's path. There are none if the trajectory ends at that time, if the
-        arm is at rest then, or if no braking keeps the raised limits.
+        Braking motions with the stamp `at_ns`, at which they begin. They come to rest before the
+        end of the trajectory's path. Nothing is yielded if the trajectory has ended or the arm
+        rests at `at_ns`, or if no braking keeps the raised limits.
     """
     left = (trajectory.end_ns - at_ns) / SECOND_NS
     start = trajectory.sample(at_ns)
@@ -83,14 +86,14 @@ def _find_braking_within_limits(
     """Compute a braking motion along a trajectory, within the limits of acceleration and jerk.
 
     Each limit is the larger of two values: the machine's limit, and the trajectory's own peak on
-    the part of its path on which the arm brakes.
+    the stretch where the arm brakes.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
         trajectory: Motion in force.
         at_ns: Absolute time at which the braking begins [ns].
-        ramp: Ramp by which the rate along the path falls from 1 to 0, tried first. The ramp is made
-            slower until the limits are kept.
+        ramp: First ramp by which the rate along the path falls from 1 to 0. It is made slower until
+            the limits are kept.
         slack: Share of the machine's limits that is added to the limits [-].
 
     Returns:
@@ -108,7 +111,7 @@ def _find_braking_within_limits(
 
 
 def _compute_braking(trajectory: Trajectory, at_ns: int, ramp: Ramp) -> Trajectory:
-    """Compute a braking along a trajectory's path, at a rate that falls from 1 to 0 by a ramp.
+    """Compute the braking along a trajectory's path whose rate falls from 1 to 0 by a ramp.
 
     Args:
         trajectory: Motion in force.
@@ -154,7 +157,8 @@ def _measure_peaks(
 ) -> tuple[float, float]:
     """Compute the largest piston acceleration and jerk in a stretch of a motion.
 
-    They are first and second differences of piston speeds sampled about every LOOK_NS.
+    The peaks are those of first and second differences of piston speeds, sampled about every
+    LOOK_NS.
 
     Args:
         machine: Machine that converts joint to piston motion.

@@ -2,8 +2,7 @@
 
 Each limit bounds a quantity of the motion, such as the largest ratio of a piston's speed to the
 speed that it can have. Speeds are checked under gravity alone, pressures under gravity and inertia.
-The abilities of an actuator depend on its mode, so a motion is checked together with its mode
-schedule.
+What an actuator can do depends on its mode, so a motion is checked together with its mode schedule.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ CHECK_SPACING = 1e-3
 """Spacing of the instants at which a motion is checked [s]."""
 
 ROWS_AT_ONCE = 32
-"""Number of intervals that are checked closely between two checks of the deadline."""
+"""Number of intervals that are checked at close instants between two looks at the clock."""
 
 CHECK_TASK = "checking the trajectory"
 """Name of the work in the message of a `DeadlineError`."""
@@ -139,8 +138,7 @@ def _measure_states(
 ) -> FloatArray:
     """Compute the quantity of each limit in `STATE_LIMITS` at k motion states.
 
-    Each state has its own modes. It is the kernel of `LimitValues.from_profile`. The unit tests
-    compare the result with the methods of `Machine`.
+    Each state has its own modes. Test oracle: the methods of `Machine`.
 
     Args:
         m: Arrays of the machine.
@@ -199,8 +197,7 @@ def _measure_ends(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the quantity of each limit in `STATE_LIMITS` at both ends of k intervals.
 
-    Each interval has its own modes, so a point between two intervals may have two values. It is the
-    kernel of `EndValues.from_profile`.
+    Each interval has its own modes, so a point between two intervals may have two values.
 
     Args:
         m: Arrays of the machine.
@@ -212,10 +209,10 @@ def _measure_ends(
         modes: Mode codes of the intervals, shape (k, n).
 
     Returns:
-        Quantities at the beginnings and quantities at the ends, both of shape (limits, k) in the
-        order of `STATE_LIMITS`. Each is in the unit of its limit. The third array, shape (k,), has
-        the largest share of a speed limit (`TimeScaling.SPEED`) that each interval uses [-]. If it
-        exceeds 1, the interval is too fast.
+        Three arrays. The first two have the quantities at the beginnings and at the ends of the
+        intervals, shape (limits, k), in the order of `STATE_LIMITS` and in the limits' units. The
+        third, shape (k,), has the largest share of a speed limit (`TimeScaling.SPEED`) that each
+        interval uses [-]. Above 1, the interval is too fast.
     """
     begin, end = np.empty((_LIMIT_COUNT, len(modes))), np.empty((_LIMIT_COUNT, len(modes)))
     scratch = np.empty(speed.shape[1])
@@ -261,10 +258,10 @@ class EndValues(NamedTuple):
         begin: Quantities at the beginnings of the intervals, in each interval's modes.
         end: Quantities at the ends of the intervals, in each interval's modes.
         modes: Mode codes of the intervals, shape (k, n).
-        speed_uses: Share of the limits on speed that each interval uses, shape (k,) [-]. It is the
-            largest quantity of a limit with TimeScaling.SPEED at the interval's ends. The limits
-            are kept if it is at most 1. A duration f times as long divides it by f. inf means that
-            no duration keeps the limits.
+        speed_uses: Share of the speed limits that each interval uses, shape (k,) [-]: the largest
+            quantity of a limit with TimeScaling.SPEED at the interval's ends. The limits are kept
+            up to 1. If the interval lasts f times as long, the share is divided by f. inf means
+            that no duration keeps the limits.
     """
 
     begin: LimitValues
@@ -323,8 +320,8 @@ def find_first_violation(
 ) -> Violation | None:
     """Find the first limit that a trajectory breaks under its mode schedule.
 
-    Obstacles are checked only if no other limit is broken, so an earlier contact is not reported
-    beside a later violation. Of all other limits, the violation that is first in time is returned.
+    Of all limits except obstacles, the violation that is first in time is returned. Obstacles are
+    checked only if no other limit is broken, so an earlier contact may go unreported.
 
     Args:
         machine: Machine with its obstacles.
@@ -457,8 +454,8 @@ def _bound_parabola(begin: float, middle: float, end: float) -> float:
     """Compute an upper bound on a quantity that varies nearly as a parabola over an interval.
 
     Let d be the distance of the middle value from the mean of the end values. A parabola through
-    the three values exceeds the highest of them by at most d/4. The bound is the highest value plus
-    d, to leave room for other curves.
+    the three values exceeds the highest value by at most d/4. The bound is the highest value plus
+    d, which allows for curves that are no parabola.
 
     Args:
         begin: Value at the beginning.

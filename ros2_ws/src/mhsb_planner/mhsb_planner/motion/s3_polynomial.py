@@ -1,9 +1,9 @@
 """S3 as published: one sixth-degree polynomial per joint over the whole move.
 
 In normalised time s = t/T the polynomial is p(s) = h(s) + w(s) Σ c_i B_i(s). The polynomial h meets
-the boundary conditions. The factor w is 0 at both ends, with its derivatives, so that p meets them
-for any coefficients c_i. The c_i are a least-squares fit to positions and velocities of the
-discrete path.
+the boundary conditions. The factor w and its derivatives are 0 at both ends, so p meets the
+boundary conditions for any coefficients c_i. The c_i are a least-squares fit to positions and
+velocities of the discrete path.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mhsb_planner.search.discrete_path import DiscretePath
 POLYNOMIAL_DEGREE = 6
 """Degree of the polynomials (paper, step S3)."""
 MIN_STEP_DURATION = 1e-6
-"""Least duration that a step of the discrete path is given [s]."""
+"""Least duration of a step of the discrete path; shorter steps get this duration [s]."""
 CHECK_INSTANTS = frozen((np.arange(96) + 0.5) / 96)
 """Evenly spaced normalised times [-]. The polynomials are fitted to the discrete path at these
 times."""
@@ -44,13 +44,13 @@ class PolynomialCurve:
 
     @property
     def breaks(self) -> FloatArray:
-        """Times between which the curve is smooth: 0 and the duration, shape (2,) [s]."""
+        """Start and end of the smooth curve: 0 and the duration, shape (2,) [s]."""
         return np.array([0.0, self.duration])
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the joint motion at given times.
 
-        Outside 0 to `duration` the polynomials are continued.
+        Before time 0 and after `duration`, the polynomials are continued.
 
         Args:
             time: Times from the start of the motion, in any order, shape (k,) [s].
@@ -181,9 +181,9 @@ def _compute_free_terms(conditions: int) -> tuple[FloatArray, FloatArray]:
         conditions: Number of boundary conditions: 4, or 5 with the start's acceleration.
 
     Returns:
-        Coefficients of the polynomials by power and term, shape (7, 7 − conditions). Pseudo-inverse
-        of their values and slopes at the m instants CHECK_INSTANTS, shape (7 − conditions, 2 m).
-        Both arrays are read-only.
+        Two read-only arrays: the coefficients of the polynomials by power and term, shape (7, 7 −
+        conditions), and the pseudo-inverse of their values and slopes at the m instants
+        CHECK_INSTANTS, shape (7 − conditions, 2 m).
     """
     window = series.polyfromroots([0.0] * (conditions - 2) + [1.0] * 2)
     basis = np.zeros((POLYNOMIAL_DEGREE + 1, POLYNOMIAL_DEGREE + 1 - conditions))

@@ -3,8 +3,9 @@
 A ramp is a step of the speed by Δv, smoothed by convolution with k = box(T₁) * box(T₂). box(T) is a
 rectangle of width T and area 1, * is the convolution, and T₁ ≥ T₂. The acceleration Δv k(t) is a
 trapezoid that lasts T₁ + T₂. It builds up until T₂ with the slope Δv/(T₁T₂), stays at Δv/T₁ until
-T₁, and then decreases. k is symmetric about its middle, and its integral is 1. Positions and speeds
-of a motion made of ramps are therefore weighted means of those without ramps.
+T₁, and then decreases. k is symmetric about its middle, and its integral is 1. So positions and
+speeds of a motion with ramps are weighted means of positions and speeds of the motion without
+ramps.
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ from mhsb_model.machine import Machine
 RAMP_LIMIT_SHARE = 0.5
 """Share of the allowed acceleration and jerk that one ramp takes [-].
 
-The rest is left for a second ramp at the same time. There is one if the arm is already changing its
-speed at the start."""
+The rest is left for a second ramp at the same time, which is needed if the arm is already changing
+its speed at the start.
+"""
 
 RAMP_TIME_STEP = 1e-3
 """Time step of ramps [s].
 
-Times of ramps are whole multiples of it, so that the points of a motion are at least this far
-apart."""
+Times of ramps are multiples of this step, so that the points of a motion are at least one step
+apart.
+"""
 
 
 class Ramp(NamedTuple):
@@ -64,7 +67,7 @@ class Ramp(NamedTuple):
         )
 
     def align_with(self, other: Ramp) -> Ramp:
-        """Return a ramp that can share its middle with another ramp, at whole time steps.
+        """Return a ramp that can have a common middle with another ramp at whole time steps.
 
         If the durations differ by an odd number of time steps, T₁ becomes one step longer. Two
         ramps with a common middle then begin a whole number of time steps apart.
@@ -129,7 +132,7 @@ def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, fl
     decrease at T₁, and is 0 again at T₁ + T₂. Before the ramp all three values are 0. After it R =
     t − (T₁ + T₂)/2, ρ = 1 and k = 0.
 
-    The unit tests compare the result with a numerical convolution box(T₁) * box(T₂).
+    Test oracle: a numerical convolution box(T₁) * box(T₂).
 
     Args:
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].

@@ -1,4 +1,4 @@
-"""Slowing of a motion, or of its pieces, if pumps, valves or pressures do not suffice there.
+"""Slowing of a motion, or of pieces of it, if pumps, valves or pressures do not suffice.
 
 A motion along a discrete path has a factor on the duration of each step. If a limit is broken at
 some instants, only the factors of the steps around these instants become larger.
@@ -22,13 +22,15 @@ little time and needs fewer rounds."""
 MIN_PIECE_FACTOR = 1.02
 """Least factor by which a piece is slowed alone [-].
 
-A piece that is slowed alone adds changes of speed to the motion, and the times between these are
-rounded up. Below this factor it takes less time to slow the whole motion."""
+A piece that is slowed alone adds changes of speed to the motion, and the times between changes of
+speed are rounded up. Below this factor, slowing the whole motion costs less time.
+"""
 
 USAGE_RESERVE = 1.003
 """Reserve factor on durations that are chosen by the limits at the trajectory's points [-].
 
-It covers what may happen between the points."""
+It covers higher values between the points.
+"""
 
 
 def compute_needed_factors(
@@ -38,7 +40,7 @@ def compute_needed_factors(
     time: FloatArray,
     slows_pieces: bool,
 ) -> FloatArray:
-    """Compute the factor by which each interval of a motion must become longer to mend a violation.
+    """Compute the factor by which each interval must become longer to remove a violation.
 
     The rule depends on the broken limit:
 

@@ -1,10 +1,10 @@
-"""Steering: the fastest motion of a moving arm straight to rest at a posture near by.
+"""Steering: the fastest motion that brings a moving arm straight to rest at a nearby posture.
 
-It serves goals that move. Each plan ends where the goal was seen last, and a newer plan replaces it
-long before its end. Each piston changes from its speed v₀ and acceleration a₀ to a constant speed
-v, keeps v, and then comes to rest. Acceleration and jerk are limited. v is first chosen so that the
-piston arrives as early as possible. If another piston takes longer, v is lowered so that all arrive
-together.
+Steering is used for goals that move. Each plan ends at the last known goal, and a newer plan
+replaces it long before its end. Each piston changes from its speed v₀ and acceleration a₀ to a
+constant speed v, keeps v, and then comes to rest. Acceleration and jerk are limited. v is first
+chosen so that the piston arrives as early as possible. If another piston takes longer, v is lowered
+so that all arrive together.
 
 A change of speed from v₀ to v₁ has up to three phases: a jerk ±j, a time at the highest
 acceleration a_max, and the opposite jerk. If a_max is not reached, the peak acceleration a follows
@@ -36,7 +36,8 @@ from mhsb_planner.search.discrete_path import DiscretePath
 JERK_SHARE = 0.8
 """Share of the allowed jerk that steered motions take [-].
 
-Between the points of a trajectory the jerk is up to a quarter higher."""
+Between the points of a trajectory, the jerk is up to 25 % higher.
+"""
 
 BISECTION_STEPS = 48
 """Number of bisections by which a piston's speed is found."""
@@ -52,7 +53,7 @@ class Steering:
     Attributes:
         start: State of the joints at the start of the motion.
         trajectory: Remainder of the plan in force, with stamp 0. Paths are searched from its end,
-            but the motion deviates from it at once.
+            but the motion leaves it at once.
     """
 
     start: MotionState
@@ -101,7 +102,7 @@ class SteeredMotion:
 
     @property
     def breaks(self) -> FloatArray:
-        """Times from 0 to the end of the motion between which the jerk is constant [s].
+        """Times at which the jerk changes, from 0 to the end of the motion [s].
 
         A time is left out if it is less than RAMP_TIME_STEP after the previous one or before the
         end.
@@ -133,9 +134,9 @@ def compute_steered_motion(
 ) -> SteeredMotion:
     """Compute a motion that brings a moving arm straight to rest at a path's end.
 
-    The postures between the path's ends do not matter. Each piston changes its speed to a constant
-    one, keeps it, and stops. It keeps V_max and the limits of acceleration and jerk. All pistons
-    arrive at the time of the piston that needs longest.
+    Only the path's last posture and its duration matter. Each piston changes to a constant speed,
+    keeps it, and stops, within V_max and the limits of acceleration and jerk. All pistons arrive at
+    the time of the piston that needs longest.
 
     Args:
         machine: Machine that moves.
@@ -188,7 +189,7 @@ def _plan_speed_change(
         v0: Speed at the beginning [m/s].
         a0: Acceleration at the beginning [m/s²].
         v1: Speed at the end [m/s]; the acceleration there is 0.
-        a_max: Largest acceleration [m/s²]. A larger one at the beginning is allowed.
+        a_max: Largest acceleration [m/s²]. The acceleration at the beginning may be larger.
         j: Magnitude of the jerk [m/s³].
         jerk: Jerk of each phase, shape (3,) [m/s³]. Written in place.
         phase: Duration of each phase, shape (3,) [s]. Written in place.
@@ -216,13 +217,13 @@ def _plan_speed_change(
 def _plan_stop_via_speed(
     v: float, v0: float, a0: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
 ) -> tuple[float, float]:
-    """Compute the phases in which a piston changes to a speed and then stops at once.
+    """Plan the phases in which a piston changes to a given speed and then stops at once.
 
     Args:
         v: Speed at which the stop begins [m/s].
         v0: Speed at the beginning [m/s].
         a0: Acceleration at the beginning [m/s²]. If it exceeds a_max in the direction of the change
-            of speed to v, it replaces a_max in that change. The stop keeps a_max.
+            to v, it replaces a_max in this change. The stop keeps a_max.
         a_max: Largest acceleration [m/s²].
         j: Magnitude of the jerk [m/s³].
         jerk: Jerk of each phase, shape (PISTON_PHASES,) [m/s³]. Written in place.
@@ -249,12 +250,12 @@ def _plan_phases(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute phases of constant jerk in which all pistons cover their strokes and arrive together.
 
-    Each piston changes its speed to a constant one, keeps it for a time, and then stops. First the
-    constant speed with which a piston arrives earliest is found by bisection. Then the speed of
-    each piston that would arrive before the slowest piston, or before `least`, is lowered.
+    Each piston changes to a constant speed, keeps it for a time, and then stops. First, the
+    constant speed with which a piston arrives earliest is found by bisection. Then the speed is
+    lowered for each piston that would arrive before the slowest piston or before `least`.
 
-    The unit tests check that the ends are reached, that the limits are kept, and that no bang-bang
-    motion is shorter.
+    Tests check that the ends are reached, that limits are kept, and that no bang-bang motion is
+    shorter.
 
     Args:
         m: Arrays of the machine, with the limits of piston speed and acceleration.

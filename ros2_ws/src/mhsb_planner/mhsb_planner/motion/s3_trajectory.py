@@ -1,6 +1,6 @@
 """Fit of a trajectory over time, with its mode schedule, to a discrete path (S3).
 
-Several curves are tried in this order. The first that keeps every limit is taken, and the result
+Curves are tried in this order. The first curve that keeps every limit is taken, and the result
 names it.
 
 1. The published polynomial of degree 6 per joint, if the rules ask for it.
@@ -10,11 +10,11 @@ names it.
 4. The path with ramps, and with a rest before each step in which the boost of an actuator begins.
 5. The discrete path step by step, with a rest at every node.
 
-If an actuator was switched so recently that it may not be switched yet, 3 to 5 are tried once more,
-after a rest.
+If an actuator was switched so recently that it may not be switched again yet, curves 3 to 5 are
+tried once more, after a rest.
 
-For a goal that moves, the motion may have to end near the end of the plan in force. It then leads
-from the moving start straight to its end (`s3_state_to_rest`), and no other curve is tried.
+For a goal that moves, the motion may have to end near the end of the plan in force. Then the only
+curve leads from the moving start straight to the end (`s3_state_to_rest`).
 
 Steps become longer until valves, servo pumps and main pump can follow (`s3_slowing`). Ramps become
 longer until the pressures suffice. A standstill is added at the end of a motion if an actuator
@@ -97,7 +97,7 @@ __all__ = [
 ]
 
 SAME_POSTURE = 1e-9
-"""Difference of joint positions up to which they count as equal [rad or m]."""
+"""Largest difference of joint positions that count as equal [rad or m]."""
 
 ACCEPTED_LIMIT_USE = 1.0001
 """Largest used share of the limits, reserve included, if a longer duration has no effect [-].
@@ -105,12 +105,13 @@ ACCEPTED_LIMIT_USE = 1.0001
 A longer duration may have no effect because ramp times are multiples of RAMP_TIME_STEP."""
 
 MAX_STRETCH_ROUNDS = 8
-"""Number of times that a curve is stretched before it is given up."""
+"""Number of times that a curve is stretched before it is refused."""
 
 LONGEST_MOTION = MAX_DURATION_NS / SECOND_NS - 10.0
 """Longest duration of a motion [s].
 
-It is the longest plan that an arm accepts, minus 10 s for the part that repeats the plan in force.
+This is the longest plan that an arm accepts, minus 10 s for the part that repeats the plan in
+force.
 """
 
 FIT_TASK = "making a trajectory of the path"
@@ -148,7 +149,7 @@ class FittedMotion:
         braked: True if the motion begins with braking.
         followed: Discrete path and the curve that follows it; None if the motion has no path.
         scale: Factor on the durations of all steps of the path, or of each step, shape (k,) [-].
-        refused: Reasons why curves tried before were refused, one sentence each.
+        refused: Reasons why earlier curves were refused, one sentence each.
         middles: Profile at the middles between the trajectory's points; None if it was not
             computed.
     """
@@ -197,7 +198,7 @@ class FittedMotion:
 
     @cached_property
     def overloads(self) -> tuple[Overload, ...]:
-        """Rests under loads beyond the highest boost pressure."""
+        """Rests under loads that the highest boost pressure cannot hold."""
         time = self.trajectory.offset_ns / SECOND_NS
         return find_overloads(self.machine, time, self.scheduled.profile)
 
@@ -335,7 +336,7 @@ def fit_remainder(
 def fit_braking(
     machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
 ) -> FittedMotion:
-    """Turn a braking trajectory into a motion with a mode schedule, in order to stop the arm.
+    """Add a mode schedule to a braking trajectory, and return both as a motion.
 
     Limits are not checked. A standstill is added at the end if the actuators need time to switch
     their modes there.
@@ -343,7 +344,7 @@ def fit_braking(
     Args:
         machine: Machine that moves.
         brake: Braking trajectory; the result has stamp 0.
-        modes: Modes in force at its beginning, and time since each actuator's last switch.
+        modes: Modes in force at the beginning, and time since each actuator's last switch.
         rules: Settings; only the rules for switching have an effect. None means the defaults.
 
     Returns:
@@ -357,7 +358,7 @@ def fit_braking(
 def warm_up(machine: Machine) -> None:
     """Compile the kernels of trajectory, mode schedule, checks and energy for starts at rest.
 
-    The check against obstacles is not compiled (`s3_clearance.warm_up`).
+    `s3_clearance.warm_up` compiles the check against obstacles.
 
     Args:
         machine: Machine that moves in the trial motions.
@@ -420,9 +421,9 @@ def _fit_each(
     start: MotionState,
     ways: Sequence[tuple[Trajectory | None, Coasting | Steering | None, FitRules]],
 ) -> None:
-    """Fit all curves for several ways to begin a motion, in order to compile kernels.
+    """Fit all curves for several beginnings of a motion, in order to compile kernels.
 
-    The energy of each motion that keeps the limits is computed, too. Nothing is returned.
+    For each motion that keeps the limits, the energy is also computed.
 
     Args:
         machine: Machine that moves.
@@ -450,8 +451,8 @@ def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory 
         brake: Motion that brings a moving arm to rest; None if the arm is at rest.
 
     Raises:
-        ValueError: Postures that must meet differ by more than SAME_POSTURE, a moving arm has no
-            braking motion, or the path has no steps.
+        ValueError: Two postures that must be equal differ by more than SAME_POSTURE, a moving arm
+            has no braking motion, or the path has no steps.
     """
     if len(path.duration) == 0:
         raise ValueError("a path without steps needs no trajectory")
@@ -472,8 +473,8 @@ def _check_holding(machine: Machine, posture: FloatArray) -> None:
         posture: Joint positions, shape (n,) [rad or m].
 
     Raises:
-        FitError: There are too few booster modules for the actuators that cannot hold their loads
-            at the main pump's pressure.
+        FitError: There are fewer booster modules than the actuators need whose loads the main
+            pump's pressure cannot hold.
     """
     m = machine.arrays
     if m.modules_per_mode[Mode.DB] * machine.joint_count <= m.module_count:
@@ -502,7 +503,7 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
 
     Returns:
         A machine that admits the start. It is `machine` itself if the start is outside the limits
-        by at most JOINT_TOLERANCE. Rounding may put a start at a limit so far outside.
+        by at most JOINT_TOLERANCE, which counts as rounding.
     """
     arrays = machine.arrays
     if _compute_excess(arrays, as_frozen(posture)) <= JOINT_TOLERANCE:
@@ -521,7 +522,7 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
 
 @kernel(borrows=True)
 def _compute_excess(m: MachineArrays, posture: FloatArray) -> float:
-    """Compute how far a posture is beyond its joint limits, or its tip outside the workspace.
+    """Compute how far a posture is beyond the joint limits, or its tip outside the workspace.
 
     Args:
         m: Arrays of the machine.
@@ -681,7 +682,7 @@ def _compute_stretch(path: DiscretePath, scale: FloatArray | float) -> float:
 
 
 def _describe_refused_curve(curve: Curve) -> str:
-    """Describe why a curve is refused before it is sampled.
+    """Describe why a curve must be refused even without sampling.
 
     Args:
         curve: Curve of joint positions over time.
@@ -716,7 +717,7 @@ def _describe_passed_limit(
         rules: Settings of the fit, with `max_overrun`.
 
     Returns:
-        Clause that says by how much the curve goes too far; empty if it does not.
+        Clause that says by how much the curve goes too far; empty if it does not go too far.
     """
     beyond = compute_outward_excess(limits.joint_min, limits.joint_max, as_frozen(position))
     if beyond > JOINT_TOLERANCE:
@@ -740,11 +741,11 @@ def _compute_uses(
 ) -> tuple[FloatArray, float]:
     """Compute the share of V_max, valves and pumps that each interval of a motion uses.
 
-    The allowed speed of a piston is `fastest` times its V_max. If the arm moves at the start, it
-    may already be faster there, and slowing does not help. `fastest` is then raised to
-    USAGE_RESERVE times the largest ratio of speed to V_max at the start.
+    The allowed speed of a piston is `fastest` times its V_max. An arm that moves at the start may
+    already be faster there, which slowing cannot change. `fastest` is then raised to USAGE_RESERVE
+    times the largest ratio of speed to V_max at the start.
 
-    The unit tests compare the result with the same shares by NumPy.
+    Test oracle: the same shares computed with NumPy.
 
     Args:
         speed: Piston speeds at the motion's k + 1 points, shape (k + 1, n) [m/s].
@@ -757,8 +758,8 @@ def _compute_uses(
             the curve and get 0.
 
     Returns:
-        Largest share in each interval, shape (k,) [-], and the largest of all intervals. Above 1
-        the interval is too fast. inf means that no speed is possible.
+        Largest share in each interval, shape (k,) [-], and the largest share of all intervals.
+        Above 1, the interval is too fast. inf means that no speed is slow enough.
     """
     used, most, before = np.zeros(len(limit_uses)), 0.0, 0.0
     for k in range(len(speed)):
@@ -804,9 +805,9 @@ def _assign_step_modes(
 def _compute_overrun(
     machine: Machine, start: MotionState, position: FloatArray, furthest: FloatArray
 ) -> float:
-    """Compute how much farther a piston moves in its initial direction than is needed.
+    """Compute how much farther than needed a piston moves in its initial direction.
 
-    The travel of a joint is converted to that of its piston by the moment arm at the start.
+    The moment arm at the start converts the travel of a joint to the travel of its piston.
 
     Args:
         machine: Machine that gives the moment arms.

@@ -66,7 +66,7 @@ class SwitchingRules(NamedTuple):
 
     Attributes:
         min_dwell: Least time between two switches of an actuator [s].
-        lead: Time before its need at which boost begins [s].
+        lead: Time by which boost begins before it is needed [s].
         max_hold: Longest time for which the closed valve alone may hold a load that is too heavy
             for the main pump's pressure [s].
     """
@@ -138,15 +138,15 @@ def compute_interval_modes(
     """Compute the modes of all actuators between the instants of a motion profile.
 
     An actuator is boosted if the main pump's pressure is too low to move, hold or accelerate its
-    load. If it only holds for a short time, its valve is closed and it is not boosted. Boost begins
-    `rules.lead` before it is needed and lasts at least `rules.min_dwell`. A boosted actuator gets
-    mode SB (shared rail) if its flow exceeds that of one servo pump, or if `preferred` says SB.
-    Otherwise it gets DB (own servo pump). Modes in force at the start go on until the actuator may
-    be switched again.
+    load. An actuator that only holds its load for a short time is not boosted, since its closed
+    valve holds the load. Boost begins `rules.lead` before it is needed and lasts at least
+    `rules.min_dwell`. A boosted actuator gets mode SB (shared rail) if its flow exceeds that of one
+    servo pump, or if `preferred` says SB. Otherwise it gets DB (own servo pump). Modes in force at
+    the start stay in force until the actuator may be switched again.
 
     If too few booster modules are fitted, SB becomes DB. After that, DB becomes N for actuators
-    that move and hold their loads without boost. If even that does not suffice, too many modules
-    remain in use.
+    that move and hold their loads without boost. If this does not suffice, the result still needs
+    too many modules.
 
     Args:
         machine: Machine with its hydraulics and modules.
@@ -154,8 +154,8 @@ def compute_interval_modes(
         profile: Profile (piston speeds and forces) with k rows.
         start: Modes in force at the first instant, and time since each actuator's last switch.
         hold: Modes in which the arm rests after the last instant, shape (n,).
-        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). Only SB
-            has an effect. None means no preference.
+        preferred: Modes that the search for the discrete path chose at each instant, shape (k, n).
+            Only SB has an effect. None means no preference.
         rules: Rules for switching.
 
     Returns:
@@ -197,7 +197,8 @@ def keeps_dwell(
         rules: Rules for switching, with the least time `min_dwell`.
 
     Returns:
-        True if the time is kept. It counts from the last switch before the first instant, too.
+        True if the time is kept, also between the last switch before the first instant and the next
+        switch.
     """
     least = rules.min_dwell - _ROUNDING
     return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
@@ -234,8 +235,8 @@ class ScheduledMotion:
 
         Each mode must last at least `rules.min_dwell`. If a mode lasts less, a standstill of 2
         `rules.min_dwell` is added at the trajectory's end, and all modes are computed again. The
-        standstill gives room to switches near the trajectory's end. Switches far from the end may
-        still follow each other too closely.
+        standstill gives room to switches near the trajectory's end, but not to switches far from
+        the end.
 
         Args:
             machine: Machine with its hydraulics and modules.
@@ -342,9 +343,9 @@ def _choose_interval_modes(
     a load for a short time, it is dropped, since the closed valve holds the load. Then boost, and
     shared boost (SB), begin earlier by `rules.lead` and are lengthened to `rules.min_dwell`. Boost
     at the start stays as it is until `age` has reached `rules.min_dwell`. Last, boost is reduced if
-    too few booster modules are fitted; intervals may still use too many.
+    too few booster modules are fitted. Some intervals may still use too many modules.
 
-    It is the kernel of `compute_interval_modes`. The unit tests check its result against each rule.
+    Tests check the result against each rule.
 
     Args:
         m: Arrays of the machine.
@@ -454,7 +455,7 @@ def _write_modes(modes: ModeArray, on: np.ndarray, shared: np.ndarray) -> None:
 def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int:
     """Find the first interval in which an actuator may leave the mode of the start.
 
-    It may do so after the mode has been in force for the time `dwell`. Interval i lasts from
+    This is allowed after the mode has been in force for the time `dwell`. Interval i lasts from
     instant i to instant i + 1.
 
     Args:
@@ -463,7 +464,7 @@ def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int
         dwell: Least time between two switches [s].
 
     Returns:
-        Index of the interval. If there is none, k - 1, one more than the last interval.
+        Index of the interval; k - 1, one more than the last interval, if there is none.
     """
     i = 0
     while i < len(time) - 1 and time[i] - time[0] < dwell - age - _ROUNDING:
@@ -572,7 +573,7 @@ def _find_run_end(on: np.ndarray, first: int, last: int) -> int:
 def _drop_short_holds(
     time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
 ) -> None:
-    """Remove boost (supply by servo pumps) that would only hold a load for a short time.
+    """Remove boost (supply by servo pumps) that only holds a load for a short time.
 
     The closed valve holds the load instead. A run is an unbroken sequence of intervals with boost.
     It stays if it contains a motion against the load, or if it lasts `longest` or more. It also
@@ -604,7 +605,7 @@ def _enforce_lead_and_dwell(
     dwell: float,
     beside: tuple[int, int],
 ) -> None:
-    """Let each run of True intervals begin earlier, lengthen short runs, and close short gaps.
+    """Let each run of True values begin earlier, lengthen short runs, and close short gaps.
 
     A run is a sequence of intervals that are True. A gap is a sequence of intervals that are False.
     First the beginning of each run is moved earlier by `lead`. Then runs shorter than `dwell` are
@@ -618,9 +619,9 @@ def _enforce_lead_and_dwell(
         last: One after the last interval that may change.
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
-        beside: State before interval `first`, and state from interval `last` on. With _ON, a run
-            that touches this end counts as long enough. With _OFF, a gap that touches this end is
-            not closed. With _EDGE, runs and gaps at this end are treated like all others.
+        beside: State before interval `first`, and state from interval `last` on. _ON: a run that
+            touches this end counts as long enough. _OFF: a gap that touches this end is not closed.
+            _EDGE: runs and gaps at this end are treated like all others.
     """
     before, after = beside
     since = math.inf
@@ -762,12 +763,12 @@ def _reduce_to_module_budget(
 
 @kernel
 def _extend_run(modes: ModeArray, first: int, last: int, j: int, mode: int) -> tuple[int, int]:
-    """Extend a range of intervals by the adjacent ones in which an actuator has a mode.
+    """Extend a range of intervals by adjacent intervals in which an actuator has a given mode.
 
     Args:
         modes: Mode codes (N, DB, SB), shape (intervals, n).
         first: Index of the range's first interval.
-        last: Index one after its last interval.
+        last: Index one after the range's last interval.
         j: Index of the actuator.
         mode: Mode code of the adjacent intervals that are added.
 
@@ -785,7 +786,7 @@ def _extend_run(modes: ModeArray, first: int, last: int, j: int, mode: int) -> t
 def _keeps_dwell_after_change(
     time: FloatArray, modes: ModeArray, first: int, last: int, j: int, mode: int, dwell: float
 ) -> bool:
-    """Return whether the modes of an actuator still last long enough after a change of its mode.
+    """Return whether an actuator's modes still last long enough after a change of its mode.
 
     A run is a sequence of intervals of equal mode. The run of the new mode and the remaining runs
     before and after it are checked. A run that touches the beginning or the end of the schedule
@@ -835,8 +836,8 @@ def _compute_shortest_run(
         hold: Modes from the last instant on, shape (n,).
 
     Returns:
-        Least time over all actuators [s]; inf if no actuator is switched, or if its age is inf and
-        it is switched once.
+        Least time over all actuators [s]. An actuator does not count if it is not switched, or if
+        it is switched once and its age is inf. inf if no actuator counts.
     """
     intervals, n = modes.shape
     shortest = math.inf

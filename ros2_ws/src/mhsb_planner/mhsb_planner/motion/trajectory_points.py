@@ -36,9 +36,9 @@ class SmoothCurve(Protocol):
 def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Trajectory:
     """Sample a curve as a trajectory with stamp 0.
 
-    The first point is set to `start`, and the last one to rest at `end`. Their accelerations may
-    differ from those of the curve, since a polynomial may begin or end with an acceleration. In the
-    first and last interval, the trajectory changes from one acceleration to the other.
+    The first point is set to `start`, and the last one to rest at `end`. A polynomial may begin or
+    end with another acceleration. The first and the last interval of the trajectory then lead from
+    one acceleration to the other.
 
     Args:
         curve: Joint motion.
@@ -59,12 +59,13 @@ def join_trajectories(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
     """Join two trajectories into one with stamp 0.
 
     Args:
-        lead_in: First trajectory. It must end in the state of motion in which the second one
+        lead_in: First trajectory. It must end in the state of motion in which the second trajectory
             begins.
         curve: Second trajectory.
 
     Returns:
-        Joined trajectory. The common point appears once. The stamps of both are ignored.
+        Joined trajectory, in which the common point appears once. The stamps of both trajectories
+        are ignored.
     """
     return Trajectory(
         0,
@@ -79,8 +80,8 @@ def join_trajectories(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
 def choose_point_times(breaks: FloatArray) -> IntArray:
     """Choose the times of a trajectory's points on a curve.
 
-    The points lie at the breaks and are evenly spread between them. They are close enough for
-    quintics between them to follow the curve within rounding.
+    The points lie at the breaks and are evenly spread between them. They are so close that quintics
+    between them follow the curve within rounding.
 
     Args:
         breaks: Times between which the curve is smooth, ascending from 0, shape (k,) [s].

@@ -8,20 +8,21 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.errors import place_text
 
 TOLERANCE_FACTOR = 1.02
-"""Factor on the tolerance if it is checked whether a via point has been passed already [-]."""
+"""Factor on the tolerance of via points that may have been passed already [-]."""
 
 ViaPoint = tuple[float, ...]
 """Via point (x, z) [m], or (x, y, z) if joint 1 slews, followed by its tolerance [m].
 
-The tip must pass the point at no more than the tolerance."""
+The tip must pass the point at a distance of at most the tolerance.
+"""
 
 
 def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str:
     """Describe the first via point that a motion misses.
 
-    A via point is a point that the tip must pass. The points must be passed in order. The search
-    for a point begins where the previous point was passed. Between two tip positions the tip is
-    taken to move along a straight line.
+    A via point is a point that the tip must pass. The points must be passed in order, so the search
+    for a point begins where the previous point was passed. The tip is assumed to move straight
+    between two positions.
 
     Args:
         tip: Tip positions in time order, shape (k, 2 or 3) [m].
@@ -44,8 +45,8 @@ def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str
 def find_points_ahead(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[ViaPoint, ...]:
     """Return the via points that a motion has not passed yet.
 
-    A via point is a point that the tip must pass. Tolerances are widened by TOLERANCE_FACTOR. A
-    point passed at the edge of its tolerance therefore still counts if the motion is sampled at
+    A via point is a point that the tip must pass. Tolerances are widened by TOLERANCE_FACTOR. So a
+    point that was passed at the edge of its tolerance still counts if the motion is sampled at
     other times.
 
     Args:

@@ -1,7 +1,7 @@
 """Limit of the pressure at which cylinders hold their loads.
 
-This limit never refuses a motion. It makes intervals with a value near 1 be checked at close
-instants.
+This limit never refuses a motion. It only selects intervals, those with a value near 1, for the
+check at close instants.
 
     holding = max_j p_j(F_j, 0) / p_max,j
 
@@ -10,8 +10,9 @@ margin. p_max,j is the highest supply pressure of the cylinder's mode. Cylinders
 quarter of MAX_HELD_SPEED do not count, since their valves are closed. Cylinders faster than
 MAX_HELD_SPEED count only if they move against their load.
 
-The limit `usage` needs this. It ignores cylinders up to MAX_HELD_SPEED and so jumps at this speed.
-A parabola through three of its values is then no bound. The ratio `holding` does not jump.
+The limit `usage` needs this selection. It ignores cylinders up to MAX_HELD_SPEED, so its value
+jumps at this speed, and a parabola through three values is no bound. The ratio `holding` does not
+jump.
 """
 
 from __future__ import annotations
@@ -30,9 +31,10 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 CLEAR_PRESSURE = 0.999
-"""Largest share of the available pressure up to which an interval is not checked closely [-].
+"""Share of the available pressure up to which an interval is not checked at close instants [-].
 
-The rest of the pressure is enough for the valve at the lowest speeds."""
+The remaining pressure is enough for the valve at the lowest speeds.
+"""
 
 
 @kernel(borrows=True, forceinline=True)

@@ -17,7 +17,7 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 JOINT_TOLERANCE = 1e-6
-"""Distance beyond a joint limit that counts as rounding of table and interpolation [rad or m]."""
+"""Distance beyond a joint limit that counts as rounding in table or interpolation [rad or m]."""
 
 
 @kernel(borrows=True, forceinline=True)
@@ -47,7 +47,7 @@ JOINT_LIMIT = StateLimit(
     proven_below=math.inf,
     clear_below=math.inf,
 )
-"""Limit of the joints [rad or m]. `bound_joint_excess` proves intervals instead of a parabola."""
+"""Limit of the joints [rad or m]. Instead of a parabola, `bound_joint_excess` proves intervals."""
 
 
 def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
@@ -68,8 +68,8 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 def compute_outward_excess(lower: FloatArray, upper: FloatArray, position: FloatArray) -> float:
     """Compute how far a motion moves a joint outwards beyond its limits.
 
-    A joint that starts beyond a limit may return, but must not move outwards again. From each
-    distance beyond the limits, the smallest distance so far (at least 0) is therefore subtracted:
+    A joint that starts beyond a limit may return, but must not move outwards again. So the smallest
+    distance so far (at least 0) is subtracted from each distance beyond the limits:
 
         max_k ( e_k − min_{i ≤ k} max(e_i, 0) )
 
@@ -106,7 +106,7 @@ def bound_joint_excess(
     """Bound the distance of joints beyond their limits between the points of a trajectory.
 
     Each joint follows a polynomial of degree 5. It stays between the least and the largest of its
-    six Bézier control points. Each end of an interval gives three of them: q, q + q̇h/5 and
+    six Bézier control points. Each end of an interval gives three control points: q, q + q̇h/5 and
     q + 2q̇h/5 + q̈h²/20. q, q̇ and q̈ are position, velocity and acceleration of the joint at this
     end. h is the duration of the interval, taken as negative at the interval's end.
 

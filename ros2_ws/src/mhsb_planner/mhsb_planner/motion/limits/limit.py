@@ -1,4 +1,4 @@
-"""Declaration of a limit of a motion, and the violation that reports a broken one."""
+"""Declaration of a limit of a motion, and the violation that reports a broken limit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ class TimeScaling(Enum):
     NONE = "none"
     """The quantity stays the same. A motion that breaks the limit is refused."""
     SPEED = "speed"
-    """The quantity is proportional to the speed. The motion is slowed by this factor."""
+    """The quantity is proportional to the speed, so the motion is slowed by the quantity as a
+    factor.
+    """
     INERTIA = "inertia"
     """The quantity falls with the accelerations. Slower ramps are tried first, then a longer
     duration of the whole motion."""
@@ -74,11 +76,11 @@ def select_instant(motion: LimitInputs, k: int, interval: int) -> LimitInputs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limit:
-    """Limit that a motion may not break.
+    """Limit that a motion must keep.
 
     Attributes:
         name: Name of the limit.
-        describe: Returns a clause that says how far a violation goes beyond the limit.
+        describe: Function that returns a clause about the size of a violation.
         time_scaling: Effect of a longer duration.
     """
 
@@ -91,9 +93,9 @@ class Limit:
 class StateLimit(Limit):
     """Limit on a quantity that follows from the state of a motion at one instant.
 
-    An interval between two points is proven to keep the limit in two cases. Either the quantity is
-    below `clear_below` at both ends, or its upper bound by a parabola is below `proven_below`. All
-    other intervals are checked at close instants.
+    An interval between two points is proven to keep the limit in two cases: the quantity is below
+    `clear_below` at both ends, or its upper bound by a parabola is below `proven_below`. All other
+    intervals are checked at close instants.
 
     Attributes:
         measure: Kernel with the arguments machine arrays and `LimitInputs` that returns the
@@ -102,9 +104,9 @@ class StateLimit(Limit):
         broken_above: Value above which the limit is broken. inf means never; the limit then only
             selects intervals for the check at close instants.
         proven_below: Upper bound over an interval below which the interval is proven.
-        clear_below: Value at both ends of an interval below which it is proven. The reserve covers
-            states in between: over 20 ms a joint deviates from a straight line by 0.05 mrad per
-            rad/s².
+        clear_below: Value at both ends of an interval below which the interval is proven. Its
+            distance from the limit covers the states between the ends: over 20 ms a joint deviates
+            from a straight line by 0.05 mrad per rad/s².
     """
 
     measure: Callable[[MachineArrays, LimitInputs], float]

@@ -55,4 +55,4 @@ MODULE_LIMIT = StateLimit(
     proven_below=0.5,
     clear_below=0.5,
 )
-"""Limit of the booster modules; its quantity is the number beyond those fitted."""
+"""Limit of the booster modules; its quantity is the number of missing modules."""

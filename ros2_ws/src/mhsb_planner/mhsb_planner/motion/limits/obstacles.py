@@ -17,14 +17,15 @@ OBSTACLE_LIMIT = Limit(
 )
 """Limit of the clearance. The amount of a violation is the depth in the obstacle [m].
 
-The amount is negative if the arm only gets too close to exclude a contact."""
+The amount is negative if the arm is outside, but too close to exclude a contact.
+"""
 
 
 def find_obstacle_violation(machine: Machine, trajectory: Trajectory) -> Violation | None:
     """Find the first obstacle that the arm touches along a trajectory.
 
-    The margin that discrete paths keep does not count. An approach so close that a contact cannot
-    be excluded counts as a contact. A motion that starts in an obstacle may leave it.
+    The margin that discrete paths keep does not count. If the arm comes so close that a contact
+    cannot be excluded, this counts as a contact. A motion that starts in an obstacle may leave it.
 
     Args:
         machine: Machine with its obstacles.

@@ -1,7 +1,7 @@
 """Registry of the limits that every motion has to keep.
 
-To add a limit on the state of a motion, write one module and three lines here: its import, its
-place in `STATE_LIMITS`, and its call in `measure_limits`. Both lists must have the same order.
+A new limit on the state of a motion needs a module, and three lines here: its import, its place in
+`STATE_LIMITS`, and its call in `measure_limits`. Both lists must have the same order.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
     thrust = max_j (p_L(F + (M q̈ + C q̇)/r) + m(v) + margin) / p_max,j ≤ 1
 
-p_L is the load pressure. Its argument is the piston force of gravity F plus that of inertia, with
-the moment arm r. m(v) is the pressure drop over the valve. `margin` is the part of the boost margin
-that must remain in spite of inertia. p_max,j is the highest supply pressure of the mode of
-actuator j. Only cylinders that move against their load count.
+p_L is the load pressure. Its argument is the piston force F of gravity plus the piston force of
+inertia, with the moment arm r. m(v) is the pressure drop over the valve. `margin` is the part of
+the boost margin that must remain in spite of inertia. p_max,j is the highest supply pressure of the
+mode of actuator j. Only cylinders that move against their load count.
 
 Source: paper, Section 2.1, with inertia added.
 """
@@ -59,4 +59,4 @@ THRUST_LIMIT = StateLimit(
     time_scaling=TimeScaling.INERTIA,
     measure=measure_thrust,
 )
-"""Limit of the supply pressure of moving cylinders; its quantity is a share of the highest [-]."""
+"""Limit of the supply pressure of moving cylinders, as a share of the highest pressure [-]."""

@@ -5,9 +5,9 @@
 A_dir is the area of the chamber that the supply fills. v_j is a piston speed and v_max,j its limit
 under its load (`compute_speed_limit`). Q_MP is the main pump's flow and q_leak the leakage of a
 valve at its supply pressure. Cylinders up to MAX_HELD_SPEED have no speed limit, since their closed
-valves carry the load. A motion that is slower by the factor `usage` keeps the limit.
+valves carry the load. If the motion is slowed by the factor `usage`, it keeps the limit.
 
-Source: paper, Section 2.1, with leakage and modes worked out.
+Source: paper, Section 2.1, extended to leakage and modes.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ def compute_speed_limit(
     load pressure: the supply pressure that holds the force at rest. A_d is the area of the chamber
     that fills.
 
-    A piston that moves with its load has two limits. One is this equation with p = P_S and without
-    margin. The other is v = (K/A_d) √P_S: the whole pressure P_S is then the pressure drop over the
-    valve. In boost, the flow Q_SP of each of n servo pumps sets a further limit, v = n Q_SP/A_d.
+    A piston that moves with its load has two limits. The first is the equation with p = P_S and
+    without margin. The second is v = (K/A_d) √P_S, at which the valve takes the whole pressure P_S.
+    In boost, the flow Q_SP of each of n servo pumps sets a further limit, v = n Q_SP/A_d.
 
     Args:
         oil: Hydraulic numbers that all actuators share.
@@ -94,8 +94,8 @@ def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
     """Return the share of the capacity of main pump, servo pumps and valves that a motion uses [-].
 
     The result is the largest of up to n + 1 ratios. The first ratio is the flow of all pistons,
-    divided by the main pump's flow minus leakage. Each piston faster than MAX_HELD_SPEED has a
-    ratio, too: its speed divided by its largest speed under its load.
+    divided by the main pump's flow minus leakage. Each piston faster than MAX_HELD_SPEED has
+    another ratio: its speed divided by its largest speed under its load.
 
     Args:
         m: Arrays of the machine.
