@@ -1,8 +1,8 @@
 """The arm's clock: its time and speed from stamps, and whether it was set back.
 
-Plans are stamped by the arm's clock. This clock may run at another speed than real time: a
-simulator may be slower or faster. A plan that is in time by any other clock may come too late. The
-steady clock is the planner's own clock, which is never set.
+Plans are stamped by the arm's clock. This clock may run faster or slower than real time, for
+example in a simulator. So times of plans are computed by the arm's clock. The steady clock is the
+planner's own clock, which is never set.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mhsb_model.trajectory import SECOND_NS
 STAMP_WINDOW = 1.0
 """Age up to which a stamp is used to compute the time of the arm's clock [s].
 
-The age is relative to the latest stamp that was kept. The least delayed stamp counts.
+The age is relative to the latest kept stamp. Of these stamps, the least delayed one counts.
 """
 
 SPEED_WINDOW = 3.0
@@ -30,18 +30,18 @@ A shorter span gives no reliable speed.
 """
 
 STAMP_SPACING = 0.02
-"""Length of a time slot [s]. Of each slot only the least delayed stamp is kept."""
+"""Length of a time slot [s]. Only the least delayed stamp of each slot is kept."""
 
 MIN_CLOCK_JUMP = 1.0
-"""Time by which a stamp is ahead of its expected time if the clock has jumped [s]."""
+"""Least time by which a stamp is ahead of its expected time if the clock has jumped [s]."""
 
 MAX_UNIT_RATE_DEVIATION = 0.1
 """Largest deviation of a clock's speed from 1 that is explained by delays of messages [-]."""
 
 DECIDED_AFTER = 1.0
-"""Time after which a second step back of stamps no longer means several publishers [s].
+"""Largest time between two steps back of stamps that indicates several publishers [s].
 
-Two publishers send references at least twice a second, so their stamps go back again sooner. A
+With two publishers, which send references at least twice a second, the stamps go back more often. A
 clock is not set back twice within this time.
 """
 
@@ -74,7 +74,7 @@ class ArmClockEstimator:
             steady_time: Time of receipt by the steady clock [s].
 
         Returns:
-            False if the stamp is earlier than the previous stamp. True otherwise, also after a jump
+            False if the stamp is earlier than the previous stamp; True otherwise, even after a jump
             ahead.
         """
         went_back = self._last is not None and stamp_ns < self._last[1]
@@ -128,9 +128,9 @@ class ArmClockEstimator:
     def speed(self) -> float:
         """Speed of the arm's clock: seconds on that clock per second of the steady clock [-].
 
-        It is the slope between the first and the last kept stamp, over at most SPEED_WINDOW. It is
-        1 in two cases: the two stamps are less than SHORTEST_SPAN apart, or the slope deviates from
-        1 by at most MAX_UNIT_RATE_DEVIATION.
+        The speed is the slope between the first and the last kept stamp, over at most SPEED_WINDOW.
+        It is 1 if the two stamps are less than SHORTEST_SPAN apart, or if the slope deviates from 1
+        by at most MAX_UNIT_RATE_DEVIATION.
         """
         if not self._stamps:
             return 1.0
@@ -143,7 +143,8 @@ class ArmClockEstimator:
     def convert_duration(self, seconds: float) -> float:
         """Convert a real duration to a duration by the arm's clock.
 
-        It is multiplied by the estimated speed of the arm's clock, or by 1 if this is slower.
+        The duration is multiplied by the estimated speed of the arm's clock, or by 1 if this speed
+        is below 1.
 
         Args:
             seconds: Duration by the steady clock [s].
@@ -191,8 +192,8 @@ class StampOrder:
     """Detector of the cause of earlier stamps: a clock set back, or publishers with other clocks.
 
     The stamps of one publisher go back once when its clock is set back. With two publishers they go
-    back again and again. The ROS graph shows a killed process for a while, so the number of
-    publishers in it is not sufficient.
+    back again and again. The number of publishers in the ROS graph is not sufficient, because the
+    graph still shows a killed process for a while.
 
     Attributes:
         publisher_conflict: Sentence that names several publishers whose clocks differ; empty
@@ -204,8 +205,8 @@ class StampOrder:
 
         Args:
             several_publishers: Function without arguments, called if a stamp is earlier than the
-                previous one. If the ROS graph shows several publishers, it returns a sentence with
-                their names, otherwise an empty text.
+                previous one. It returns a sentence with the names of the publishers if the ROS
+                graph shows several, else an empty text.
         """
         self.publisher_conflict = ""
         self._several_publishers = several_publishers
@@ -221,12 +222,12 @@ class StampOrder:
 
         - One publisher: its clock was set back, and `publisher_conflict` is cleared.
         - Several publishers: for `DECIDED_AFTER` after the step back, every stamp earlier than the
-          latest one is `MIXED`. A second step back within this time sets `publisher_conflict`.
-          Without a second step back, a clock was set back. The first stamp after `DECIDED_AFTER`
-          that is earlier than the latest one is then `BACK`.
+          latest stamp is `MIXED`. A second step back within this time sets `publisher_conflict`.
+          Without a second step back, a clock was set back: the first later stamp that is earlier
+          than the latest stamp is `BACK`.
 
-        The latest stamp is the greatest one since a clock was last set back. While
-        `publisher_conflict` is set, every stamp earlier than the latest one is `MIXED`.
+        The latest stamp is the greatest stamp since a clock was last set back. While
+        `publisher_conflict` is set, every stamp earlier than the latest stamp is `MIXED`.
         `publisher_conflict` is cleared `SECOND_PUBLISHER_TIMEOUT` after the last step back.
 
         Args:
@@ -257,7 +258,8 @@ class StampOrder:
 
         The method is called at each step back, that is, if a stamp is earlier than the previous
         stamp. The time of the step back is stored. With one publisher, `publisher_conflict` is
-        cleared. With several, it is set if the previous step back was at most `DECIDED_AFTER` ago.
+        cleared. With several publishers, it is set if the previous step back was at most
+        `DECIDED_AFTER` ago.
 
         Args:
             steady_time: Time of receipt of this stamp by the steady clock [s].

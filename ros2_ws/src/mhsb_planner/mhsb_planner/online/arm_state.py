@@ -21,10 +21,10 @@ NO_PLAN = 0
 """Value of `plan_in_force` while the arm holds its position without a plan."""
 
 LONGEST_SILENCE = 2.0
-"""Age of the arm's last state up to which its plan in force can be continued [s].
+"""Largest age of the arm's last state at which its plan in force can be continued [s].
 
-On a busy machine states may be late by more than a second. An arm that is silent for longer may
-have ended in motion.
+On a busy computer, states may be late by more than a second. If the arm is silent for longer, its
+process may have ended during a motion.
 """
 
 
@@ -51,9 +51,9 @@ class ReceivedState:
 
 @dataclass
 class ArmState:
-    """Latest messages of the arm, and what follows from them.
+    """Latest messages of the arm, and data derived from these.
 
-    None means that nothing was received.
+    A field is None if nothing was received for it.
 
     Attributes:
         joint_count: Number of joints.
@@ -62,8 +62,8 @@ class ArmState:
         plan_in_force_ns: Stamp of the plan that the arm reports to execute [ns]. `NO_PLAN` while it
             holds its position.
         modes: Mode of each actuator as the arm reports it, uint8[n].
-        own_command: This planner's last command that the arm has confirmed. Some arms do not report
-            their plan in force; for these every sent command counts as confirmed.
+        own_command: This planner's last command that the arm has confirmed. If the arm does not
+            report its plan in force, every sent command counts as confirmed.
         fault: Sentence on the fault for which the arm has stopped and takes no plan. Empty if there
             is no fault.
         plan_delay_ns: Time by which the arm executes plans later than stamped, because its
@@ -72,8 +72,8 @@ class ArmState:
             several. Empty if there is one.
         qos_mismatch: Sentence that names publishers whose quality of service does not match. Empty
             if there are none.
-        machine_difference: Sentence on how the arm's machine file differs from the planner's. Empty
-            if they are equal, or if the arm turned out not to report its machine.
+        machine_difference: Sentence on how the arm's machine file differs from the planner's; empty
+            if they are equal, or if the arm does not report its machine. None until this is known.
         first_state_at: Time of receipt of the first state by the steady clock [s]; infinite before.
         clock_estimator: Estimator of the arm's clock.
         rest_detector: Detector of a measured standstill.
@@ -99,8 +99,8 @@ class ArmState:
 
         These are the reference, the measured state, this planner's command, the stamp of the plan
         in force, the plan delay and the clock estimate. The modes stay, since they have no stamp.
-        The report that no plan is in force (`NO_PLAN`) stays, too. It may have come before the
-        stamp that shows the jump.
+        The report that no plan is in force (`NO_PLAN`) also stays, since it may have come before
+        the stamp that shows the jump.
         """
         self.reference = self.measured = self.own_command = None
         if self.plan_in_force_ns != NO_PLAN:
@@ -139,9 +139,9 @@ class ArmState:
     def get_plan_time_ns(self, steady_time: float, ros_ns: int) -> int:
         """Return the present time of plans: the time by which plans are stamped.
 
-        It is the extrapolated time of the arm's clock minus `plan_delay_ns`. If the arm has been
-        silent for more than `OLDEST_STATE`, the extrapolated time is limited to the ROS clock. A
-        simulator may publish that clock; it then stands still while the simulator is suspended.
+        This is the extrapolated time of the arm's clock minus `plan_delay_ns`. If the arm has been
+        silent for more than `OLDEST_STATE`, the extrapolated time is limited to the ROS clock. If a
+        simulator publishes the ROS clock, it stands still while the simulator is suspended.
 
         Args:
             steady_time: Present time by the steady clock [s].
@@ -198,9 +198,9 @@ class ArmState:
                 caused.
 
         Returns:
-            True if this planner's last confirmed command has not ended, and if it is the one that
-            the arm reports to execute. Some arms do not report which plan they execute; for these,
-            the first condition suffices.
+            True if this planner's last confirmed command has not ended, and the arm reports that it
+            executes this command. The second condition is dropped for arms that do not report which
+            plan they execute.
         """
         own = self.own_command
         confirmed = own is not None and self.plan_in_force_ns in (None, own.stamp_ns)

@@ -1,4 +1,4 @@
-"""Stops of the arm by its own ~/stop: calls by this planner, and goals that they make void."""
+"""Stops of the arm by its own service ~/stop, and goals that such a stop makes void."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ OWN_REPORT = 2.0
 """Time after this planner's call of ~/stop within which the arm reports the stop [s]."""
 
 OLD_STOP = 1.0
-"""Time after a stop of the arm in which goals are void if they were sent before its report [s].
+"""Time after a stop within which goals are void if they were sent before the report of the stop
+[s].
 
-It covers the delay with which the arm's clock is known from its messages."""
+It covers the delay with which the arm's clock is known from its messages.
+"""
 
 LATE_REPORT = 0.1
-"""Delay of the report of a stop above which this process must have been suspended [s].
+"""Delay of a stop's report above which this process must have been suspended [s].
 
-A report takes some milliseconds, also if the planner is busy, because the middleware receives it. A
-process that was suspended receives all messages at once when it goes on, in any order.
+A report takes some milliseconds even if the planner is busy, because the middleware receives it. A
+process that was suspended gets all messages at once when it continues, in any order.
 """
 
 
@@ -57,8 +59,8 @@ class ArmStops:
         """Find the time up to which goals are void, from the arm's report of its last stop.
 
         A goal is void if it was sent before the report was received, and at most `OLD_STOP` after
-        the stop. At the first report, a void goal must have been sent before the stop. The first
-        messages that a planner receives may be seconds old, and the stop is then older than it
+        the stop. For the first report that the planner receives, a void goal must have been sent
+        before the stop. The first messages may be seconds old, so that the stop is older than it
         seems.
 
         A stop that this planner has called for makes no goal void. The report is ascribed to the
@@ -66,10 +68,11 @@ class ArmStops:
         All calls are forgotten if the latest call is more than `OWN_REPORT` ago.
 
         If the report came more than `LATE_REPORT` after its stop, this process was suspended. Goals
-        that came in this time may still be unread. The report then counts as received `LATE_REPORT`
-        later than now, so that these goals are void, too.
+        that came during this time may still be unread. The report then counts as received
+        `LATE_REPORT` later than now, so that these goals are also void.
 
-        The method stores the time of the stop, and removes the call to which it ascribes it.
+        The method stores the time of the stop, and removes the call to which the report is
+        ascribed.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.

@@ -1,10 +1,10 @@
-"""Hand-over of plans: a new command first repeats the old one, and then deviates from it.
+"""Hand-over of plans: a new command first repeats the old command, then deviates from it.
 
 A command is a joint trajectory with its mode schedule. The new command begins at its stamp, the
 planner's present time. One commit horizon later, at the change, it deviates from the old command.
-Until the change it repeats the old motion. The arm can therefore take it at any time between stamp
-and change. All times are in the time of plans: the arm's clock minus the delay that speed scaling
-has caused.
+Until the change, the new command repeats the old motion. So the arm can switch to the new command
+at any time between stamp and change. All times are in the time of plans: the arm's clock minus the
+delay that speed scaling has caused.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from mhsb_model.types import IntArray
 
 @dataclass(frozen=True)
 class HandOverTimes:
-    """Times at which a new command takes over from an old one.
+    """Times at which a new command takes over from an old command.
 
     Attributes:
-        stamp_ns: Absolute time at which the new command begins; it first repeats the old one [ns].
-        change_ns: Absolute time at which it deviates from the old command [ns].
+        stamp_ns: Absolute time at which the new command begins, by repeating the old command [ns].
+        change_ns: Absolute time from which on the new command deviates from the old command [ns].
     """
 
     stamp_ns: int
@@ -34,12 +34,12 @@ class HandOverTimes:
 
 
 def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: int) -> HandOverTimes:
-    """Choose the stamp and the change of a command that takes over from another one.
+    """Choose the stamp and the change of a command that takes over from another command.
 
-    The new command begins at its stamp and repeats the old one for `commit_horizon_ns`. It then
-    deviates from the old one; this instant is called the change. Two trajectory points must not be
-    closer than `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is
-    therefore chosen in steps:
+    The new command begins at its stamp and repeats the old command for `commit_horizon_ns`. The
+    instant at which it then deviates from the old command is the change. Two trajectory points must
+    not be closer than `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp
+    is therefore chosen in steps:
 
     1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
     2. If an old point follows the stamp by less than this spacing, the stamp moves to this point.
@@ -71,10 +71,10 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
 
 
 def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Command:
-    """Build a command that repeats the command in force up to the change, then follows a new one.
+    """Build a command that repeats the command in force, then follows a new command.
 
-    The old modes stay in force up to the change. If the old trajectory ends before the change, its
-    last position is held in between.
+    The change is the time between both parts. The old modes stay in force up to the change. If the
+    old trajectory ends before the change, its last position is held until the change.
 
     Args:
         in_force: Command that is replaced.
@@ -107,7 +107,7 @@ def _check_continuity(left: MotionState, new: Trajectory) -> None:
     """Check that a trajectory starts with a given position and velocity.
 
     Args:
-        left: State in which the old trajectory is left.
+        left: State of the old trajectory at the change.
         new: The new trajectory; its first point is compared. Accelerations are not compared.
 
     Raises:
@@ -124,8 +124,8 @@ def _check_continuity(left: MotionState, new: Trajectory) -> None:
 def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int) -> int:
     """Compute the delay of a stamp that keeps old trajectory points away from stamp and change.
 
-    No old point may be less than `MIN_POINT_SPACING_NS` after the stamp, or less than this before
-    the change. The change is the time at which the new command deviates from the old one.
+    No old point may be less than `MIN_POINT_SPACING_NS` after the stamp or before the change. The
+    change is the time at which the new command deviates from the old command.
 
     Args:
         points: Absolute times of the old trajectory's points, increasing, int64[k], [ns].
@@ -146,15 +146,16 @@ def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int
 
 
 def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
-    """Compute the times of the points at which a new command repeats the old one.
+    """Compute the times of the points at which a new command repeats the old command.
 
-    They are the stamp, and all points of the old trajectory between stamp and change. If the old
-    trajectory ends before the change, its last position is held until then. The hold gets evenly
-    spaced points, at most `MAX_POINT_SPACING_NS` apart.
+    The times are the stamp, and those of all points of the old trajectory between stamp and change.
+    If the old trajectory ends before the change, its last position is held until the change, with
+    evenly spaced points at most `MAX_POINT_SPACING_NS` apart.
 
     Args:
         old: Trajectory that is repeated.
-        times: Stamp of the new command, and change (time at which it deviates from the old one).
+        times: Stamp of the new command, and change (time at which it deviates from the old
+            command).
 
     Returns:
         Absolute times in ascending order, int64[k], [ns]. The first is the stamp. The change is not
@@ -171,14 +172,14 @@ def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
 
 
 def _join_schedules(old: ModeSchedule, times: HandOverTimes, new: ModeSchedule) -> ModeSchedule:
-    """Join an old mode schedule up to the change with a new one from the change on.
+    """Join an old mode schedule up to the change with a new mode schedule from the change on.
 
     The result also stores the time of each actuator's last switch before the stamp, from `old`.
 
     Args:
         old: Schedule that is in force up to the change.
         times: Stamp of the result, and change (time at which the new command deviates from the old
-            one).
+            command).
         new: Schedule whose first row begins at the change; its stamp is ignored.
 
     Returns:

@@ -1,10 +1,10 @@
-"""Commit horizon: the time from now at which a new plan takes over from the old one.
+"""Commit horizon: the time from now until a new plan takes over from the old plan.
 
-The commit horizon is the sum of two durations. The first is the 0.95 quantile of the time from the
-request to the first feasible motion. The second is the 0.95 quantile of the time from the end of
-planning until the arm has confirmed the plan. The machine's dead time is added. Time to improve a
-plan is not included: a plan is improved in the time that is left of the horizon. Recent plans count
-more. A horizon that has become long under load is therefore short again after a few plans.
+The commit horizon is the sum of two durations and the machine's dead time. The first duration is
+the 0.95 quantile of the time from the request to the first feasible motion. The second is the 0.95
+quantile of the time from the end of planning until the arm has confirmed the plan. No time is added
+for improving a plan; a plan is improved in the time that is left of the horizon. Recent plans have
+larger weights. So a horizon that has become long under load is short again after a few plans.
 """
 
 from __future__ import annotations
@@ -27,12 +27,11 @@ SAMPLE_CAPACITY = 50
 HALF_LIFE = 4.0
 """Number of newer plans after which the weight of a duration is halved.
 
-Durations of 20 plans ago no longer affect the 0.95 quantile.
+So durations of 20 plans ago no longer affect the 0.95 quantile.
 """
 
 LATE_PLAN_FACTOR = 1.5
-"""Factor on the commit horizon of a plan that is made again because the previous one was late [-].
-"""
+"""Factor on the commit horizon of a plan that is made again because the first was late [-]."""
 
 MIN_TRANSPORT_SHARE = 0.15
 """Least time for transport and confirmation, as a share of the time to the first motion.
@@ -42,8 +41,7 @@ whole commit horizon.
 """
 
 OFFLINE_LEAD = 0.1
-"""Commit horizon of plans that are made in simulated time, which stands still during planning [s].
-"""
+"""Commit horizon of plans in simulated time, which stands still during planning [s]."""
 
 INITIAL_PLANNING_TIME, INITIAL_TRANSPORT_TIME = 0.05, 0.02
 """Durations that are assumed before anything has been measured [s]."""
@@ -70,7 +68,8 @@ class CommitHorizon(NamedTuple):
         total: Time from the plan's stamp until it deviates from the previous plan [s].
         transport_reserve: Part of this time that is reserved for encoding, transport and
             confirmation after planning [s].
-        is_longest: True if no longer horizon is allowed: it is fixed, or at its upper bound.
+        is_longest: True if a longer horizon is not allowed, because the horizon is fixed or at its
+            upper bound.
     """
 
     total: float
@@ -93,7 +92,7 @@ class CommitHorizonEstimator:
     def add_transport_time(self, seconds: float) -> None:
         """Add the time from the end of planning to the arm's confirmation [s].
 
-        It covers encoding, transport and the work of the receiver.
+        This time covers encoding, transport and the work of the receiver.
         """
         self._flight.append(seconds)
 
@@ -106,8 +105,8 @@ class CommitHorizonEstimator:
     def horizon(self) -> float:
         """Estimated commit horizon: time from a plan's stamp to its first new motion [s].
 
-        It is the 0.95 quantile of the time to the first feasible motion, plus the time reserved for
-        transport and confirmation.
+        This is the 0.95 quantile of the time to the first feasible motion, plus the time reserved
+        for transport and confirmation.
         """
         return compute_recent_quantile(np.array(self._first_motion)) + self._transport_reserve
 
@@ -115,7 +114,8 @@ class CommitHorizonEstimator:
     def _transport_reserve(self) -> float:
         """Time to reserve for transport and confirmation [s].
 
-        It is `transport_time`, but at least `MIN_TRANSPORT_SHARE` of the time to the first motion.
+        This is `transport_time`, but at least `MIN_TRANSPORT_SHARE` of the time to the first
+        motion.
         """
         return max(
             self.transport_time,
@@ -150,7 +150,7 @@ class CommitHorizonEstimator:
 
 
 def compute_recent_quantile(samples: FloatArray, quantile: float = DURATION_QUANTILE) -> float:
-    """Compute a weighted quantile of samples. Newer samples have larger weights.
+    """Compute a weighted quantile of samples, in which newer samples have larger weights.
 
     The weight of a sample is 0.5 ** (k / HALF_LIFE), with k the number of newer samples.
 

@@ -22,7 +22,7 @@ from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
 
 EARLY_NS = 3 * SECOND_NS // 10
-"""Largest time before a plan's end at which the arm may hold without having dropped the plan [ns].
+"""Time before a plan's end from which on the arm may hold without having dropped the plan [ns].
 
 If the arm holds earlier, a stop, a fault or a reset has ended the plan.
 """
@@ -30,17 +30,19 @@ If the arm holds earlier, a stop, a fault or a reset has ended the plan.
 SAME_PLACE = 0.1
 """Largest joint difference at which an arm that has dropped its plan counts as stopped [rad].
 
-If a joint is farther away from its planned position, the arm has been restarted elsewhere.
+If a joint is farther from its planned position, the arm has been restarted elsewhere.
 """
 
 REASON_NS = SECOND_NS
 """Time after an early end of a plan within which the arm may still report the reason [ns].
 
-`plan_in_force` and `/diagnostics` come in any order.
+The topics `plan_in_force` and `/diagnostics` may come in any order.
 """
 
 STAY_TIME_NS = SECOND_NS // 5
-"""Time for which the tip must stay at a goal to have reached it, without dead times [ns]."""
+"""Time for which the tip must stay at a goal so that the goal counts as reached, without dead times
+[ns].
+"""
 
 STAY_DEAD_TIMES = 2.0
 """Number of dead times of the machine that are added to `STAY_TIME_NS` [-].
@@ -64,18 +66,18 @@ class ExecutionResult(NamedTuple):
 
 @dataclass
 class Execution:
-    """Goal whose plan the arm has confirmed, and that plan.
+    """A goal, and its plan that the arm has confirmed.
 
     Attributes:
         pending_goal: Record of the goal.
         replan: Plan with the command that the arm has confirmed.
         target: Place to which the plan leads: the goal, or a place a little ahead of a moving goal.
-        settings: Settings of the plan. A later goal at the same place may take over the plan if its
-            settings are the same object.
+        settings: Settings of the plan. A later goal at the same place may take over the plan only
+            if it has the same settings object.
         dropped_since: Time at which the arm was first found to have dropped the plan [ns], and the
             result if no reason is reported. None while the arm follows the plan.
         distances: Times since the plan's end [ns] and distances of the measured tip from the goal
-            [m], in time order. Only those that still count for the arrival are kept.
+            [m], in time order. Pairs that no longer count for the arrival are removed.
     """
 
     pending_goal: PendingGoal
@@ -105,7 +107,7 @@ class Execution:
           later.
         - The plan has ended: the distances of the measured tip from the goal decide.
 
-        Some arms do not report which plan they execute; they are assumed to follow this one. The
+        An arm that does not report which plan it executes is assumed to follow this plan. The
         method writes `dropped_since` and `distances`.
 
         Args:
@@ -113,8 +115,8 @@ class Execution:
             arm_state: Arm state.
             now_ns: Time of plans [ns]: the arm's clock minus the delay that speed scaling has
                 caused.
-            is_last: True if the result is needed now. After the plan's end, the arrival is then
-                judged by the distances so far.
+            is_last: True if the result is needed now: after the plan's end, the distances so far
+                then decide.
 
         Returns:
             Outcome, sentence and cause; None while the execution goes on.
@@ -182,8 +184,9 @@ class Execution:
 
         The check begins one dead time of the machine after the plan's end. From then on the tip
         must stay within `reached_tolerance` of the settings for `STAY_TIME_NS` plus
-        `STAY_DEAD_TIMES` dead times. A tip that only passes the goal therefore does not count. If
-        joint states were never measured, the goal counts as reached. The method writes `distances`.
+        `STAY_DEAD_TIMES` dead times. So a tip that only passes the goal does not count as arrived.
+        If joint states were never measured, the goal counts as reached. The method writes
+        `distances`.
 
         Args:
             machine: Machine from which the tip position is computed.
@@ -192,9 +195,10 @@ class Execution:
             is_last: True if the arrival is judged now, by the distances so far.
 
         Returns:
-            None before the check begins. `REACHED` as soon as the tip has stayed. The check ends
-            when `compute_settling_time` has passed since the plan's end. The largest distance in
-            the last stretch of the required length then decides between `REACHED` and `ABORTED`.
+            None while the arrival is undecided. `REACHED` as soon as the tip has stayed long
+            enough. The check ends when `compute_settling_time` has passed since the plan's end. The
+            largest distance during the last period of the required length then decides between
+            `REACHED` and `ABORTED`.
         """
         dead_ns = round(compute_dead_time(machine) * SECOND_NS)
         if since_ns < dead_ns:

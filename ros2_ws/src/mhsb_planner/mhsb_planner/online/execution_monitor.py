@@ -1,4 +1,4 @@
-"""Monitor of the execution: it begins, may be taken over by another goal, and ends with a report.
+"""Monitor of executions, from the confirmation of a plan to the execution report.
 
 The time of plans is the arm's clock minus the delay that speed scaling has caused.
 """
@@ -23,17 +23,17 @@ The arm may have stopped moving, or its messages may be late."""
 
 
 class ExecutionMonitor:
-    """Monitor of the plan in force and of its goal, which are `execution` of the state."""
+    """Monitor of the plan in force and of its goal, both in `LifecycleState.execution`."""
 
     def __init__(self, state: LifecycleState) -> None:
-        """Store the state of the lifecycle. Other methods write its `execution`."""
+        """Store the state of the lifecycle, whose `execution` the other methods write."""
         self._state = state
 
     def begin(self, request: PlanRequest, replan: Replan) -> None:
         """Begin the execution of a plan that the arm has confirmed.
 
-        Further plans for its goal are withdrawn. Another goal that was being executed ends as
-        replaced. If the plan's goal has ended already, nothing is executed.
+        Requests for further plans to its goal are withdrawn. Another goal that was being executed
+        ends as replaced. If the plan's goal has ended already, no execution begins.
 
         Args:
             request: Request of the plan.
@@ -88,11 +88,11 @@ class ExecutionMonitor:
     def plan_to_stopped_goal(self) -> None:
         """Plan once more for a goal that moved and now stands still.
 
-        The plan in force ends a little beyond the place of such a goal. The goal becomes the
+        The plan in force ends a little beyond the place of a moving goal. So the goal becomes the
         waiting goal again, with `needs_exact_place` set. Nothing happens in these cases:
 
         - No plan is being executed.
-        - The plan in force ends at the goal's exact place already.
+        - The plan in force already ends at the goal's exact place.
         - The goal still moves.
         - A goal waits, a plan is being made, or a plan was sent without an answer yet.
         """

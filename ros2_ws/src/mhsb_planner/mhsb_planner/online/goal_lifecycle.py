@@ -1,12 +1,13 @@
-"""Lifecycle of goals: waiting, being planned for, sent, in force, ended; without ROS.
+"""Lifecycle of goals, from waiting over planning and execution to the end; without ROS.
 
 At most one goal waits (the newest), one is being planned for, one plan is unconfirmed, and one is
-in force. A plan replaces the plan in force only when the arm has confirmed it. Clock jumps and new
-settings make a plan void while it is being made.
+in force. A plan replaces the plan in force only when the arm has confirmed it. A clock jump or new
+settings make a plan void that is still being made.
 
 Every goal gets one verdict, and every accepted goal gets one execution report. A plan that comes
-too late is made again with a longer commit horizon, unless a newer goal has come. A plan from rest
-only gets a new stamp. `goal_states` has a table of the effect of each event on a goal.
+too late is made again with a longer commit horizon, unless a newer goal has come. A late plan from
+rest is not made again; it gets a new stamp. The module `goal_states` has a table of the effect of
+each event on a goal.
 
 A command is a joint trajectory with its mode schedule. From its stamp on it repeats the previous
 command. At its change, one commit horizon later, it deviates from the previous command. The time of
@@ -49,20 +50,20 @@ class GoalLifecycle:
     """State machine of goals, from their arrival to their execution report.
 
     Goals and the arm's messages come in as events. Plan requests, commands and reports go out.
-    Every public method handles one event, and none of them takes long. What is only stored of the
-    arm is written to `arm_state` directly. Four other classes do the work: `GoalPlanning` plans for
-    goals, `HandOver` sends plans, `ExecutionMonitor` reports how their execution ends, and
+    Every public method handles one event and returns quickly. Messages of the arm that are only
+    stored are written to `arm_state` directly. Four other classes do the work: `GoalPlanning` plans
+    for goals, `HandOver` sends plans, `ExecutionMonitor` reports how their execution ends, and
     `StopSequence` stops the arm.
 
     Attributes:
-        state: What all parts share: settings, arm state, outbox, and the places of goals.
-        arm_state: What is known of the arm.
+        state: Data that all parts share: settings, arm state, outbox, and goals by their stage.
+        arm_state: What the planner knows of the arm.
         planning: Planning of goals, which can also build requests for plans on trial.
         hand_over: Hand-over of plans, with the estimator of the commit horizon.
     """
 
     def __init__(self, settings: Settings, brake: Brake, outbox: PlannerIO) -> None:
-        """Begin without a goal and without knowledge of the arm.
+        """Begin without a goal and without data of the arm.
 
         Args:
             settings: Settings for goals that come without settings.
@@ -89,7 +90,7 @@ class GoalLifecycle:
     def get_state(self, pending_goal: PendingGoal) -> GoalState:
         """Return the state of a goal: waiting, being planned for, and so on.
 
-        Several plans may be made for one goal, so that several states may apply.
+        Several states may apply, since several plans may be made for one goal.
 
         Args:
             pending_goal: The goal.
@@ -132,7 +133,7 @@ class GoalLifecycle:
             on_report: Called with each report on this goal. The outbox gets the reports, too.
 
         Returns:
-            Record of the goal, also if the goal was refused.
+            Record of the goal, even if the goal was refused.
         """
         now = self.state.now
         received_at = now if received_at is None else received_at
@@ -148,7 +149,8 @@ class GoalLifecycle:
         """Cancel a goal: stop the arm, unless a newer goal has come.
 
         The goal's `is_cancelled` is set. The arm is not stopped while a newer goal is in progress.
-        If the newer goal ends before this one, for example by a refusal, the arm is stopped then.
+        If the newer goal ends before this goal, for example by a refusal, the arm is stopped at
+        that time.
 
         Args:
             pending_goal: The goal.
@@ -173,8 +175,8 @@ class GoalLifecycle:
     def change_settings(self, settings: Settings) -> None:
         """Replace the settings for all goals.
 
-        A plan that is being made is made again. If zones have changed and an obstacle lies ahead on
-        the motion in force, the arm is stopped.
+        A plan that is being made is started again. If zones have changed and an obstacle lies ahead
+        on the motion in force, the arm is stopped.
 
         Args:
             settings: The new settings.
@@ -220,9 +222,9 @@ class GoalLifecycle:
         """Store the reference that the servo follows, and begin to plan if a goal waits.
 
         The order of the stamps may show that several publishers send references. A warning is
-        logged when this begins or ends. As long as several publishers are possible, a reference
-        with an earlier stamp is ignored. If the clock was set back, `handle_clock_jump` is called
-        first.
+        logged when this state begins or ends. As long as there may be several publishers,
+        references with earlier stamps are ignored. If the clock was set back, `handle_clock_jump`
+        is called first.
 
         Args:
             state: Position, velocity and acceleration of all joints.
@@ -263,9 +265,9 @@ class GoalLifecycle:
     def handle_plan_in_force(self, stamp_ns: int) -> None:
         """Store which plan the arm has in force, and handle the consequences.
 
-        If it is a sent command of this planner that was not confirmed before, it is confirmed. Then
-        the execution is judged, a stop under way takes its next step, and planning begins if a goal
-        waits.
+        If the plan is a command of this planner that was not confirmed before, it now counts as
+        confirmed. Then the execution is judged, a stop under way takes its next step, and planning
+        begins if a goal waits.
 
         Args:
             stamp_ns: Stamp of the plan [ns]; `NO_PLAN` while the arm holds its position.
@@ -284,8 +286,9 @@ class GoalLifecycle:
 
         The confirmation may also come after the command was given up.
 
-        For a braking command, the stop is finished if it is known when the arm will rest. If zones
-        have changed since the command was made, the remaining motion is checked for obstacles.
+        For a braking command, the stop is finished if the time at which the arm will rest is known.
+        If zones have changed since the command was made, the remaining motion is checked for
+        obstacles.
 
         For a plan, the execution of its goal begins. If the plan was revoked before this
         confirmation, the arm is stopped. If settings have changed since the plan's request and an
@@ -312,7 +315,7 @@ class GoalLifecycle:
             self._stop_for_obstacle_ahead(goal_after_stop=request.pending_goal)
 
     def handle_plan_refusal(self, stamp_ns: int, reason: HandOverReason, sentence: str) -> None:
-        """Handle the arm's report that it has not taken a plan.
+        """Handle the arm's report that it refused or dropped a plan.
 
         Only a report on the unconfirmed command (sent, without an answer) has an effect. The goal
         of this command is then planned for again or ended, and planning begins if a goal waits.
@@ -330,14 +333,14 @@ class GoalLifecycle:
     def _handle_refused_command(
         self, sent: UnconfirmedPlan, reason: HandOverReason, sentence: str
     ) -> None:
-        """Handle that the arm has not taken a command and goes on with the previous command.
+        """Handle that the arm refused or dropped a command and continues the previous command.
 
         After a braking command or a void plan (withdrawn after it was sent), the stop takes its
         next step. After any other plan, its goal is planned for again or ended.
 
         Args:
             sent: The command that was sent.
-            reason: Reason code; `LATE` also if the arm gave no answer in time.
+            reason: Reason code; it is `LATE` if the arm gave no answer in time.
             sentence: The reason in words.
         """
         self.hand_over.give_up(sent, reason)
@@ -350,11 +353,12 @@ class GoalLifecycle:
         """Store the fault that the arm reports, and end all goals if it is a new fault.
 
         Goals without a verdict are refused with `FAULT`, and accepted goals are aborted. An
-        unconfirmed plan (sent, without an answer) becomes void: if the arm takes it after all, the
-        arm is stopped. If a stop is under way, its next step is taken (brake, or call ~/stop).
+        unconfirmed plan (sent, without an answer) becomes void: if the arm still begins to follow
+        it, the arm is stopped. If a stop is under way, it takes its next step (a braking command or
+        a call of ~/stop).
 
-        If the arm reports that the fault is cleared, only this is stored. If it reports the same
-        fault again, nothing happens.
+        If the fault is cleared, this is only stored. If the arm reports the same fault again,
+        nothing happens.
 
         Args:
             sentence: The fault in words; empty if the arm has none.
@@ -402,18 +406,18 @@ class GoalLifecycle:
     # --- Stopping --------------------------------------------------------------------------------
 
     def stop(self, done: Callable[[bool, str], None]) -> None:
-        """Bring the arm to rest, whatever has set it in motion, and end all goals.
+        """Bring the arm to rest, even from a motion that others commanded, and end all goals.
 
         If a stop is under way already, it goes on, and `done` is called at its end, too. Waiting
         goals, and the goal for which a plan is being made, are ended at once as stopped. Goals that
         were sent before this call, but come or are read later, also end as stopped. An unconfirmed
-        plan (sent, without an answer) becomes void: if the arm takes it, the arm is stopped. The
-        goal of the void plan and the goal of the plan in force end when the arm has stopped.
+        plan (sent, without an answer) becomes void: if the arm begins to follow it, the arm is
+        stopped. The goals of this plan and of the plan in force end when the arm has stopped.
 
         Args:
             done: Called once with success and sentence. Success means that the arm is measured at
-                rest or has confirmed a braking command. Otherwise the sentence says why it may
-                still move.
+                rest or has confirmed a braking command. Without success, the sentence says why the
+                arm may still move.
         """
         state = self.state
         state.void_goals(math.nextafter(state.now, -math.inf), STOP_ASKED)
@@ -424,7 +428,7 @@ class GoalLifecycle:
         self._continue_stop()
 
     def _begin_stop(self, reason: str, goal_after_stop: PendingGoal | None = None) -> StopSequence:
-        """Begin a stop, unless one is under way, and return the stop under way.
+        """Begin a stop, unless a stop is under way, and return the stop under way.
 
         If a stop is under way already, the arguments are ignored.
 
@@ -440,8 +444,8 @@ class GoalLifecycle:
     def _stop_for_cancelled_goal(self) -> None:
         """Stop the arm if the newest goal in progress was cancelled.
 
-        Nothing happens while a stop is under way. A stop ends all goals as stopped. Goals that wait
-        or are being planned for end at once, the others when the arm has stopped.
+        Nothing happens while a stop is under way. The stop ends all goals as stopped: goals that
+        wait or are being planned for at once, the others when the arm has stopped.
         """
         newest = next(iter(self.state.goals_in_progress), None)
         if newest is not None and newest.is_cancelled and self._stop is None:
@@ -450,7 +454,7 @@ class GoalLifecycle:
     def _stop_for_obstacle_ahead(self, goal_after_stop: PendingGoal | None = None) -> None:
         """Begin a stop if an obstacle lies ahead on the motion in force.
 
-        If a stop is under way already, it goes on, but now brakes for the obstacle. Nothing happens
+        If a stop is under way already, it continues, but brakes for the obstacle. Nothing happens
         if the arm executes no command of this planner.
 
         Args:

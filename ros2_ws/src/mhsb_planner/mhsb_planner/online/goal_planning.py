@@ -39,13 +39,15 @@ from mhsb_planner.online.start_state import (
 FIRST_REPORT = 1.2
 """Time after the arm's first state for which goals wait until the arm reports its machine [s].
 
-It reports the machine every second."""
+The arm reports its machine every second.
+"""
 
 START_UP = 6.0
 """Time after the planner's start during which goals wait for the arm's first state [s].
 
-For as long after this state, the planner does not warn that the arm does not report its machine. On
-a busy machine the discovery of a running arm, and of each of its topics, takes seconds.
+After this state, the planner waits for the same time before it warns that the arm does not report
+its machine. On a busy computer, the discovery of a running arm and of each of its topics takes
+seconds.
 """
 
 AHEAD_NS = SECOND_NS // 10
@@ -56,14 +58,16 @@ FINAL_REFUSALS = {
     HandOverReason.INVALID: Verdict.INTERNAL,
     HandOverReason.STOPPED: Verdict.STOPPED,
 }
-"""Reasons of the arm's refusal after which a goal is not planned for again, and its verdict."""
+"""Reasons of a refusal by the arm after which a goal is not planned for again, and the goal's
+verdict.
+"""
 
 
 class GoalPlanning:
-    """Planning of goals: it begins to plan, and sends the plan or ends the goal.
+    """Planner of goals: it begins to plan, and sends the plan or ends the goal.
 
-    Planning begins with `start`, and goes on with `handle_answer`. If the arm does not take the
-    plan, `handle_refusal` decides whether another one is made.
+    Planning begins with `start`, and goes on with `handle_answer`. If the arm refuses or drops the
+    plan, `handle_refusal` decides whether another plan is made.
     """
 
     def __init__(
@@ -97,12 +101,13 @@ class GoalPlanning:
 
         - A plan is being made or is unconfirmed (sent, without an answer): nothing happens.
         - The arm is not ready, for example not connected (`_must_wait`): the goal waits.
-        - No plan can start from the arm's state: the goal waits on or is refused (`_postpone`).
-        - The plan in force leads to the goal already: the goal takes over this plan.
+        - No plan can start from the arm's state: the goal keeps waiting or is refused
+          (`_postpone`).
+        - The plan in force already leads to the goal: the goal takes over this plan.
         - Otherwise a plan is requested.
 
-        In the last three cases, the arm may not have reported its machine within `START_UP` after
-        its first state. It is then taken to have the planner's machine, and a warning is logged.
+        In the last three cases, a warning is logged if the arm has not reported its machine within
+        `START_UP` after its first state. The arm is then assumed to be the planner's machine.
         """
         state, pending_goal = self._state, self._state.waiting
         if pending_goal is None or state.request or state.unconfirmed:
@@ -147,12 +152,12 @@ class GoalPlanning:
         return not is_ready and state.now - pending_goal.waiting_since < LONGEST_WAIT
 
     def _postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
-        """Keep a goal waiting for which no plan can start, or refuse it.
+        """Refuse a goal for which no plan can start, or keep it waiting.
 
         The goal is refused at once if the arm has another machine file. Otherwise it is refused
-        when it has waited for `LONGEST_WAIT`. If the arm has never sent a state, it is not refused
-        within `START_UP` after the planner's start. If the arm moves under a command that this
-        planner did not send, the arm's own ~/stop is called, once for each goal.
+        when it has waited for `LONGEST_WAIT`, but while the arm has never sent a state, not before
+        `START_UP` after the planner's start. If the arm moves under a command that this planner did
+        not send, the arm's own ~/stop is called, once for each goal.
 
         Args:
             pending_goal: The waiting goal.
@@ -177,7 +182,7 @@ class GoalPlanning:
     ) -> PlanRequest:
         """Build the request for a plan that will not be executed.
 
-        It is the request that a goal at rest would get if it came now. Goals and plans in progress
+        This is the request for a goal that does not move and comes now. Goals and plans in progress
         are not affected.
 
         Args:
@@ -214,15 +219,16 @@ class GoalPlanning:
         The arm counts as moving until the trajectory of `start` has ended. The commit horizon (time
         until the new plan takes over) then covers planning, transport, confirmation and the
         machine's dead time. For an arm at rest the horizon does not cover planning, because the
-        plan is stamped when it is ready. The deadline is always computed as for a moving arm: it is
-        the horizon without its part for transport. A moving goal is extrapolated.
+        plan is stamped when it is ready. The deadline is always computed as for a moving arm: the
+        horizon without its part for transport. A moving goal is extrapolated.
 
         Args:
             pending_goal: The goal.
             start: Command that the plan continues.
 
         Returns:
-            The request. Its commit horizon is by the arm's clock, its deadline by the steady clock.
+            The request, with the commit horizon by the arm's clock and the deadline by the steady
+            clock.
         """
         state, hand_over, now = self._state, self._hand_over, self._state.now
         settings = pending_goal.get_settings(state.settings)
@@ -250,9 +256,9 @@ class GoalPlanning:
         """Choose the place to which a plan for a goal leads, and return it with the goal's period.
 
         For a moving goal the place is extrapolated (`GoalStream.extrapolate`) in real time. If the
-        goal has stopped, or its `needs_exact_place` is set, the place is the goal's own. The period
-        of a stopped goal is still returned, so that the planner keeps the posture near the present
-        one.
+        goal has stopped, or its `needs_exact_place` is set, the place is the goal's own. Even for a
+        stopped goal the period is returned, so that the planner prefers postures near the present
+        posture.
 
         Args:
             pending_goal: The goal.
@@ -281,12 +287,12 @@ class GoalPlanning:
         If an event has made the plan void (`epoch` has changed), or if the plan in force has
         changed, the goal is planned for again. Otherwise the answer decides:
 
-        - A plan: it is sent. If a planner failed after its first motion for this plan, a warning is
-          logged.
+        - A plan: it is sent. A warning is logged if one of the planners failed after it had found a
+          motion.
         - None: the arm is at the goal already, and the goal ends.
         - `DeadlineError`: the goal is planned for again with a longer commit horizon (time until a
           new plan takes over). It is refused after `MAX_LATE_PLANS` tries at the longest horizon.
-        - Another `MhsbError`: if the arm executes a plan to this very goal, that plan goes on. If
+        - Another `MhsbError`: if the arm executes a plan to the same goal, that plan continues. If
           the target was extrapolated from a moving goal, the goal's own place is planned for.
           Otherwise the goal is refused.
         - Any other exception: the goal is refused with `INTERNAL`.
@@ -333,8 +339,8 @@ class GoalPlanning:
 
         Returns:
             True if two conditions are met. First, no event since the request has made the plan void
-            (`epoch`). Second, the arm still executes the plan that it executed at the request. If
-            that plan was the request's `start_command`, the arm may instead hold, from `EARLY_NS`
+            (`epoch`). Second, the arm executes the same plan as at the request. If this plan was
+            the request's `start_command`, the arm may instead hold, but not earlier than `EARLY_NS`
             before the end of that command.
         """
         state, start = self._state, request.start_command
@@ -350,9 +356,9 @@ class GoalPlanning:
 
         A plan that starts from rest first gets the present time as its stamp. If the previous
         command still moves at this time, the goal is planned for again instead. The change is the
-        time at which the plan deviates from the previous command. If it has passed, the plan counts
-        as too late and is not sent. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms`
-        of the goal are updated.
+        time at which the plan deviates from the previous command. If the change has passed, the
+        plan is too late and is not sent. If the plan is sent, `attempts`, `plan_stamp_ns` and
+        `lead_ms` of the goal are updated.
 
         Args:
             request: Request of the plan.
@@ -391,16 +397,16 @@ class GoalPlanning:
     def handle_refusal(
         self, request: PlanRequest, replan: Replan, reason: HandOverReason, sentence: str
     ) -> None:
-        """Handle that the arm has not taken a plan and goes on with the previous command.
+        """Handle that the arm refused or dropped a plan and continues the previous command.
 
         The first of these cases decides:
 
         1. The plan's goal has ended: nothing happens.
         2. The reason is in `FINAL_REFUSALS`: the goal ends.
-        3. A newer goal waits: the goal ends as superseded. If the arm executes an earlier plan for
-           it, this plan goes on.
-        4. The plan starts from rest, the arm is still at its start, and no event has made the plan
-           void: it gets a new stamp and is sent again.
+        3. A newer goal waits: the goal ends as superseded, unless the arm executes an earlier plan
+           for it.
+        4. The plan starts from rest, the arm is still at the plan's start, and no event has made
+           the plan void: the plan gets a new stamp and is sent again.
         5. Otherwise a new plan for the goal is made, with a longer commit horizon (time until the
            plan takes over).
 
@@ -409,7 +415,7 @@ class GoalPlanning:
         Args:
             request: Request of the plan.
             replan: The plan.
-            reason: Reason code; `LATE` also if the arm gave no answer in time.
+            reason: Reason code; it is `LATE` if the arm gave no answer in time.
             sentence: The reason in words.
         """
         pending_goal = request.pending_goal

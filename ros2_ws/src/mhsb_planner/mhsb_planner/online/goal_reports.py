@@ -1,6 +1,6 @@
-"""Reports on goals: one verdict for each, and one execution report for each accepted goal.
+"""Reports on goals: one verdict for each goal, and one execution report for each accepted goal.
 
-A verdict has a code and a sentence, from the plan or from the error that planning raised.
+A verdict has a code and a sentence, which follow from the plan or from the error of planning.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ ERROR_VERDICTS: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (OtherMachineError, Verdict.MACHINE),
     (RequestError, Verdict.OPTIONS),
 )
-"""Types of errors with the verdict code of each. The first type that matches counts."""
+"""Types of errors, and the verdict code of each. The first matching type counts."""
 
 MIN_REPORTED_EXCESS = 0.005
 """Least excess of a piston's speed over V_max that a verdict states, as a share of V_max [-]."""
@@ -76,8 +76,8 @@ def find_verdict_code(error: MhsbError) -> Verdict:
 def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
     """Compose the sentence of the verdict on an accepted goal.
 
-    It states the end of the tip's path and the duration. If the search ran out of time, it says so.
-    An excess of piston speed over V_max is stated if it is at least `MIN_REPORTED_EXCESS`. The
+    The sentence states the end of the tip's path and the duration, and whether the search ran out
+    of time. It states an excess of piston speed over V_max of at least `MIN_REPORTED_EXCESS`. The
     plan's warnings follow.
 
     Args:
@@ -114,7 +114,7 @@ def compose_at_goal_verdict(goal: Goal, plan_ms: float) -> GoalVerdict:
 
 
 class GoalReports:
-    """Sender of verdicts, execution reports and warnings of planners that failed.
+    """Sender of verdicts, execution reports, and warnings about planners that failed.
 
     Goals that have ended get no further report.
     """
@@ -184,7 +184,8 @@ class GoalReports:
         """End a goal as superseded, because a newer goal came before the arm took a plan for it.
 
         Args:
-            pending_goal: The older goal. An accepted one gets an execution report (`REPLACED`).
+            pending_goal: The older goal. If it was accepted, it gets an execution report
+                (`REPLACED`).
         """
         sentence = NEWER_GOAL_SENT if pending_goal.has_verdict else NEWER_GOAL
         self.end(pending_goal, GoalVerdict.of(pending_goal.goal, Verdict.SUPERSEDED, sentence))

@@ -15,7 +15,7 @@ from mhsb_model.verdict import Outcome, Verdict
 class GoalState(Enum):
     """State of a goal. The value of each member is a sentence that explains it.
 
-    If further plans are made for a goal, its most advanced state counts.
+    If several plans are made for a goal, its most advanced state counts.
     """
 
     WAITING = "It waits for planning to begin."

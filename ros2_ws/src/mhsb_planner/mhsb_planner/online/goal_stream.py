@@ -2,8 +2,8 @@
 
 The goal's velocity is computed from positions and receipt times of the last messages. The stamps of
 goals are not used. A plan ends at the place where the goal will be a little later: at most
-`MAX_LOOKAHEAD_TIME` plus the machine's dead time. It is not more because the goal may stop at any
-moment.
+`MAX_LOOKAHEAD_TIME` plus the machine's dead time. The time is short because the goal may stop at
+any moment.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ MAX_VELOCITY_SAMPLES = 5
 """Number of last goals from which the velocity is computed. At least three are needed."""
 
 LONGEST_PERIOD = 0.5
-"""Time between two goals above which they are independent of each other [s]."""
+"""Time above which two successive goals do not belong to one moving goal [s]."""
 
 MAX_GOAL_SPEED, MIN_GOAL_SPEED = 0.5, 1e-3
 """Largest and smallest speed at which a goal counts as moving [m/s].
 
-A goal that seems to be faster is a different goal. A slower goal counts as standing still.
+If the speed seems higher, the new goal is a different goal. A slower goal counts as standing still.
 """
 
 MAX_LOOKAHEAD_TIME = 0.06
@@ -91,8 +91,8 @@ class GoalStream:
     def velocity(self) -> Position:
         """Velocity of the goal, fitted to the last positions by least squares [m/s].
 
-        It has the elements (x, z) or (x, y, z) of the position. All are 0 if the goal is slower
-        than `MIN_GOAL_SPEED`. With fewer than three received goals it is (0, 0).
+        The elements are those of the position, (x, z) or (x, y, z). All are 0 if the goal is slower
+        than `MIN_GOAL_SPEED`. With fewer than three received goals, the result is (0, 0).
         """
         if len(self._received) < 3:
             return 0.0, 0.0
@@ -121,11 +121,11 @@ class GoalStream:
 
         The goal is moved by its velocity from its receipt to a time ahead of now. The time ahead is
         the sum of the commit horizon (time until the plan takes over), one period of the goal, and
-        the dead time. The first two together count with at most `MAX_LOOKAHEAD_TIME`.
+        the dead time. Commit horizon and period together count with at most `MAX_LOOKAHEAD_TIME`.
 
         Args:
-            goal: Goal that was received last. At least three goals were received.
-            age: Time since it was received [s].
+            goal: Goal that was received last. At least three goals must have been received.
+            age: Time since the goal was received [s].
             commit_horizon: Commit horizon, without the dead time [s].
             dead_time: Dead time of the machine [s].
 

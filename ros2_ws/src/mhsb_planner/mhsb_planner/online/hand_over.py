@@ -30,9 +30,9 @@ LONGEST_WAIT = 2.0
 
 CONFIRMATION_TIMEOUT = 0.1
 """Time for the arm to confirm a plan, from the time at which the plan deviates from the previous
-one [s].
+plan [s].
 
-After it the plan counts as not taken, if the arm has sent a state since then.
+After this time, the plan counts as refused once the arm has sent a state.
 """
 
 MAX_LATE_PLANS = 3
@@ -60,8 +60,8 @@ class HandOver:
 
         Args:
             state: State of the lifecycle. `unconfirmed` and the arm's `own_command` are written.
-            on_confirmed: Called only if the arm does not report which plan it executes: at once
-                with each sent command. The arm is then assumed to follow the command.
+            on_confirmed: Called at once with each sent command if the arm does not report which
+                plan it executes, and never otherwise. Such an arm is assumed to follow the command.
         """
         self.horizon_estimator = CommitHorizonEstimator()
         self._state = state
@@ -104,8 +104,8 @@ class HandOver:
     def choose_arm_horizon(self, pending_goal: PendingGoal, *, starts_from_rest: bool) -> float:
         """Choose the commit horizon (time until a new plan takes over) for a goal, in arm time.
 
-        A plan from rest is stamped when it is ready. Its horizon therefore covers transport and
-        confirmation only, not planning.
+        A plan from rest is stamped when it is ready. So its horizon covers only transport and
+        confirmation.
 
         Args:
             pending_goal: The goal. Its `horizon_factor` lengthens the horizon.
@@ -123,12 +123,12 @@ class HandOver:
     def choose_braking_horizon(self, tries: int) -> float:
         """Choose the commit horizon of a braking command: the time from stamp to braking.
 
-        It is the estimated transport time times `LATE_PLAN_FACTOR`^`tries`. It is limited to
-        `lead_min` and `lead_max` of the settings. It is then converted to the arm's clock, and the
-        machine's dead time is added.
+        The estimated transport time times `LATE_PLAN_FACTOR`^`tries` is limited to `lead_min` …
+        `lead_max` of the settings. The result is converted to the arm's clock, and the machine's
+        dead time is added.
 
         Args:
-            tries: Number of braking commands of this stop that the arm has not taken.
+            tries: Number of braking commands of this stop that the arm has refused or dropped.
 
         Returns:
             Commit horizon by the arm's clock [s].
@@ -185,7 +185,7 @@ class HandOver:
             self._on_confirmed(sent)
 
     def find_new_confirmation(self, stamp_ns: int) -> UnconfirmedPlan | None:
-        """Find the sent command that the arm has newly taken as its plan in force.
+        """Find the sent command that has newly become the arm's plan in force.
 
         Args:
             stamp_ns: Stamp of the plan in force [ns].
@@ -199,7 +199,7 @@ class HandOver:
         return next((each for each in sent_commands if each.command.stamp_ns == stamp_ns), None)
 
     def find_plan_of_command(self, command: Command, settings: Settings) -> Replan | None:
-        """Find the plan from which a command was made, if it was made with given settings.
+        """Find the plan from which a command was made, if the plan was made with given settings.
 
         Args:
             command: Command that a new plan will continue.
@@ -236,7 +236,7 @@ class HandOver:
         """Return whether the arm's answer to a sent command is overdue.
 
         The command's change is the time at which it deviates from the previous command. If the arm
-        has been silent since the change, its confirmation may just be late.
+        has been silent since the change, its confirmation may only be late.
 
         Args:
             sent: The command.
@@ -254,15 +254,15 @@ class HandOver:
         return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
 
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
-        """Store that the arm has not taken the last command.
+        """Store that the arm has refused or dropped the last command.
 
-        For the reason `LATE`, the estimated transport time becomes longer. The reason `STAMP` means
-        that the arm did not accept the command's stamp. The estimate of the arm's clock then starts
-        again from the last stamp of the arm.
+        For the reason `LATE`, the estimated transport time becomes longer. For the reason `STAMP`
+        (the arm did not accept the command's stamp), the estimate of the arm's clock starts again
+        from the arm's last stamp.
 
         Args:
             sent: The command. Only `planned_at` is read.
-            reason: Reason code; `LATE` also if the arm gave no answer in time.
+            reason: Reason code; it is `LATE` if the arm gave no answer in time.
         """
         self._state.unconfirmed = None
         estimator = self.horizon_estimator

@@ -1,6 +1,6 @@
-"""State of the goal lifecycle: the places of goals, settings, arm state and outbox.
+"""State of the goal lifecycle: goals by their stage, settings, arm state and outbox.
 
-All parts of the goal lifecycle share it. Goals enter and leave their places by its methods.
+All parts of the goal lifecycle share this state. Its methods move goals from stage to stage.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from mhsb_planner.search import goal_clearance
 
 @dataclass(eq=False)
 class LifecycleState:
-    """State of the goal lifecycle, with four places for goals.
+    """State of the goal lifecycle, with four stages for goals.
 
-    In each place there is at most one goal. A goal is in several places if a further plan is made
-    for it. A new goal enters with `admit`, and a goal that must be planned for again with
-    `put_back`. The newest goal waits, and supersedes the one that waited before.
+    The stages are `waiting`, `request`, `unconfirmed` and `execution`. Each has at most one goal. A
+    goal is in several stages if further plans are made for it. A new goal enters by `admit`, and a
+    goal that must be planned for again by `put_back`. The newest goal waits, and supersedes the
+    goal that waited before.
 
     Attributes:
         settings: Settings for goals that come without settings.
-        arm_state: What is known of the arm.
+        arm_state: What the planner knows of the arm.
         outbox: Interface that carries out decisions and gives the time.
         reports: Sender of verdicts and execution reports.
         stream: Estimator of the velocity of a moving goal.
         waiting: Goal that waits for planning to begin; None if there is none.
         request: Request for the plan that is being made; None if there is none.
-        unconfirmed: Command that was sent and not answered; None if there is none.
+        unconfirmed: Command that was sent and has no answer yet; None if there is none.
         execution: Execution of the plan that the arm has confirmed; None if it has ended or there
             is none.
-        epoch: Number of events so far that made void a plan that was being made: clock jumps and
-            new settings.
+        epoch: Number of events so far (clock jumps and new settings) that make a plan void while it
+            is made.
     """
 
     settings: Settings
@@ -71,7 +72,7 @@ class LifecycleState:
 
     @property
     def queued_goals(self) -> list[PendingGoal]:
-        """Goals without a sent plan: the one that waits, and the one that is planned for."""
+        """Goals without a sent plan: the waiting goal, and the goal for which a plan is made."""
         planned = None if self.request is None else self.request.pending_goal
         return [each for each in (self.waiting, planned) if each is not None]
 
@@ -86,17 +87,17 @@ class LifecycleState:
 
     @property
     def goals_before_confirmation(self) -> list[PendingGoal]:
-        """Goals without a confirmed plan, newest first: all but the one that is executed."""
+        """Goals in all stages before execution, newest first."""
         return self.queued_goals + self.unconfirmed_goals
 
     @property
     def goals_in_progress(self) -> list[PendingGoal]:
-        """Goals in all four places, newest first."""
+        """Goals in all four stages, newest first."""
         executed = [] if self.execution is None else [self.execution.pending_goal]
         return self.goals_before_confirmation + executed
 
     def executes(self, pending_goal: PendingGoal) -> bool:
-        """Return whether the arm executes a plan for this very goal, not for one at its place."""
+        """Return whether the arm executes a plan that was made for this goal."""
         return self.execution is not None and self.execution.pending_goal is pending_goal
 
     # --- Goals that come and go ------------------------------------------------------------------
@@ -104,10 +105,10 @@ class LifecycleState:
     def admit(self, pending_goal: PendingGoal) -> bool:
         """Let a new goal wait for planning, or refuse it at once.
 
-        The goal is refused if the arm reports a fault or another machine file. It is refused if it
-        is out of reach, or if its options do not fit. It is also refused if it was sent before the
-        last stop (`void_goals`). Otherwise it is added to `stream`, and an older waiting goal ends
-        as superseded, unless the arm executes a plan for it.
+        The goal is refused if the arm reports a fault or another machine file, if the goal is out
+        of reach, if its options do not fit, or if it was sent before the last stop (`void_goals`).
+        Otherwise it is added to `stream`. An older waiting goal ends as superseded, unless the arm
+        executes a plan for it.
 
         Args:
             pending_goal: The new goal.
@@ -149,12 +150,12 @@ class LifecycleState:
         goal_clearance.check_tip_clearance(machine, goal.position)
 
     def void_goals(self, sent_until: float, reason: str) -> None:
-        """Refuse goals that were sent before a stop, but come or are read after it.
+        """Refuse goals that were sent before a stop but arrive after it.
 
         Args:
             sent_until: Latest time of sending of such a goal, by the steady clock [s]. An earlier
                 call with a later time stays in force.
-            reason: Sentence for these goals: who was asked to stop.
+            reason: Sentence for the verdicts of these goals, which says who was asked to stop.
         """
         if sent_until > self._void_until:
             self._void_until, self._void_reason = sent_until, reason
@@ -162,8 +163,8 @@ class LifecycleState:
     def put_back(self, pending_goal: PendingGoal) -> None:
         """Let a goal wait for a new plan, or end it as superseded if a newer goal waits.
 
-        A goal for which the arm executes a plan is not superseded. It ends when the arm takes a
-        plan for another goal. If the goal has ended already, nothing happens.
+        A goal for which the arm executes a plan is not superseded. It ends when the arm begins to
+        follow a plan for another goal. If the goal has ended already, nothing happens.
 
         Args:
             pending_goal: The goal. If it waits, its `waiting_since` is set to the present time.
@@ -177,7 +178,9 @@ class LifecycleState:
             self.reports.supersede(pending_goal)
 
     def withdraw(self, pending_goal: PendingGoal) -> None:
-        """Let a goal wait no longer. If a plan for it is being made, the plan will be ignored.
+        """Withdraw a goal from planning.
+
+        The goal waits no longer. A plan that is being made for it will be ignored.
 
         Args:
             pending_goal: The goal. If it neither waits nor is planned for, nothing happens.
@@ -188,9 +191,9 @@ class LifecycleState:
             self.request = None
 
     def revoke(self) -> list[PendingGoal]:
-        """Mark the unconfirmed plan (sent, without an answer) as void: it is not wanted any more.
+        """Mark the unconfirmed plan (sent, without an answer) as void.
 
-        If the arm takes a void plan after all, the arm is stopped.
+        A void plan is no longer wanted. If the arm still begins to follow it, the arm is stopped.
 
         Returns:
             The plan's goal as a list of one element. The list is empty if there is no unconfirmed
@@ -201,7 +204,7 @@ class LifecycleState:
         return self.unconfirmed_goals
 
     def end(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
-        """End a goal, and void those of its plans that the arm has not confirmed yet.
+        """End a goal, and make its plans void that the arm has not confirmed yet.
 
         The goal gets a verdict, or an execution report if it was accepted before. If it has ended
         already, it gets no report. If the arm executes a plan for the goal, the execution
@@ -220,7 +223,7 @@ class LifecycleState:
     def accept_plan_end(self) -> None:
         """Set the target of the plan in force to the goal's own place.
 
-        The plan for a moving goal ends a little beyond the goal's place. Because of this call, no
+        The plan for a moving goal ends a little beyond the goal's place. After this call, no
         further plan to the exact place is made. If no plan is executed, nothing happens.
         """
         if self.execution is not None:

@@ -32,19 +32,20 @@ class PendingGoal:
         goal: Place to which the tip must go.
         received_at: Time of receipt by the steady clock [s].
         sent_at: Time at which the goal was sent, by the steady clock [s]; not after `received_at`.
-        waiting_since: Time by the steady clock from which on the goal has waited for planning, or
-            for planning again [s].
+        waiting_since: Time at which the goal began to wait for planning, or for planning again, by
+            the steady clock [s].
         has_verdict: True if the goal was accepted by a verdict.
         attempts: Number of plans that were sent for the goal.
         plan_stamp_ns: Stamp of the last plan that was sent for the goal [ns]; 0 if there is none.
-        lead_ms: Time from receipt of the goal until this plan deviates from the previous plan [ms].
+        lead_ms: Time from receipt of the goal until its last plan deviates from the previous plan
+            [ms].
         horizon_factor: Factor on the commit horizon (time until a new plan takes over) [-]. It
             grows with each plan that comes too late.
         late_plans_at_longest_horizon: Number of plans that came too late even at the longest commit
             horizon.
         needs_exact_place: True if the plan must lead to the goal's own place even if the goal
             moves.
-        has_ended: True if the goal has got its last report.
+        has_ended: True if the last report on the goal was sent.
         is_cancelled: True if the goal has been cancelled.
         adjust_settings: Function that derives the goal's settings from the settings for all goals.
         on_report: Called with each report on this goal.
@@ -70,9 +71,9 @@ class PendingGoal:
     def get_settings(self, common_settings: Settings) -> Settings:
         """Return the settings of plans for this goal.
 
-        They are derived from the settings for all goals by `adjust_settings`. The result is cached:
-        it stays the same object as long as `common_settings` is the same object. If new settings
-        for all goals do not fit the goal's own options, the goal keeps its previous settings.
+        `adjust_settings` derives them from the settings for all goals. The result is cached: it
+        stays the same object as long as `common_settings` is the same object. If new settings for
+        all goals do not fit the goal's own options, the goal keeps its previous settings.
 
         Args:
             common_settings: Settings for all goals.
@@ -103,9 +104,9 @@ def summarize_plan(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummar
         lead_ms: Time from receipt of the goal until the plan deviates from the previous plan [ms].
 
     Returns:
-        Stamp [ns], energy in both energy readings [J], lower bound on the energy [J], duration [s]
-        and number of mode switches. Also the excess of piston speed over V_max as a share of V_max,
-        the total time with cavitation [s], and the two given times.
+        Summary with stamp [ns], energy in both energy readings [J], lower bound on the energy [J],
+        duration [s], number of mode switches, excess of piston speed over V_max as a share of
+        V_max, total time with cavitation [s], and the two given times.
     """
     plan = replan.plan
     return PlanSummary(

@@ -24,7 +24,7 @@ from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.online.settings import Settings
 
 TRACED_NS = 5_000_000
-"""Time between the tip positions by which passed via points are found [ns]."""
+"""Time between the tip positions that show which via points were passed [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class PlanRequest:
         settings: Settings of the plan.
         start_command: Command that the plan continues.
         in_force_ns: Stamp of the plan in force at the request [ns]. `NO_PLAN` if the arm held its
-            position, None if it does not report which plan it executes.
+            position; None if it does not report which plan it executes.
         now_ns: Time of plans at the request [ns]: earliest stamp of the new command.
         commit_horizon: Time from the new command's stamp until it deviates from `start_command`, by
             the arm's clock [s].
@@ -66,15 +66,15 @@ class PlanRequest:
     def make_plan(self, replanner: Replanner) -> Replan | None:
         """Make the requested plan. The method runs in the thread of the planning worker.
 
-        The machine of `replanner` is first changed to that of the request. The plan does not lead
-        again through via points that the tip passes before the plan takes over.
+        The machine of `replanner` is first changed to that of the request. The plan leaves out via
+        points that the tip passes before the plan takes over.
 
         Args:
-            replanner: Maker of the plan.
+            replanner: Planner that makes the plan.
 
         Returns:
             The plan with its command. Its `improvement_time` is the time spent after the first
-            feasible motion was found [s]. None if the arm rests at the goal already.
+            feasible motion was found [s]. None if the arm already rests at the goal.
 
         Raises:
             MhsbError: No plan could be made; `Planner.plan` lists the errors.
@@ -99,8 +99,8 @@ class PlanRequest:
 
         These are all via points of the settings in two cases: the new plan starts from rest, or no
         earlier plan with the same settings is in force. Otherwise they are the via points of the
-        earlier plan that the tip has not passed when the new plan takes over. The tip therefore
-        passes each via point once between two rests, even if goals follow each other in motion.
+        earlier plan that the tip has not passed when the new plan takes over. So the tip passes
+        each via point once between two rests, even if new goals come during the motion.
 
         Returns:
             Via points in `base_link`, each (x, z) or (x, y, z) [m].
@@ -126,13 +126,14 @@ class UnconfirmedPlan:
 
     Attributes:
         command: The command.
-        change_ns: Time at which it deviates from the previous command, in the time of plans [ns].
+        change_ns: Time at which the command deviates from the previous command, in the time of
+            plans [ns].
         planned_at: Time at which planning ended, but not later than the deadline, by the steady
             clock [s].
         sent_at: Time at which the command was sent, by the steady clock [s].
         replan: Plan from which the command was made; None for a braking command.
         request: Request of this plan; None for a braking command.
-        is_void: True if the command is not wanted any more. If the arm takes it, the arm is
+        is_void: True if the command is no longer wanted. If the arm begins to follow it, the arm is
             stopped.
         braking_machine: Machine with the zones for which a braking command was made; None for a
             plan.

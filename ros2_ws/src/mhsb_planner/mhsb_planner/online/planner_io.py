@@ -52,11 +52,11 @@ class PlannerIO(Protocol):
         ...
 
     def must_call_arm_stop(self) -> bool:
-        """Return whether only the arm's own ~/stop is sure to bring the arm to rest.
+        """Return whether only the arm's own ~/stop can bring the arm to rest for certain.
 
         Returns:
-            True if another node sends plans, too, and the arm provides ~/stop. The other node may
-            then replace a braking command, or have the arm brake differently.
+            True if another node also sends plans, and the arm provides ~/stop. The other node could
+            replace a braking command, or make the arm brake differently.
         """
         ...
 
@@ -67,7 +67,7 @@ class PlannerIO(Protocol):
     def describe_publisher_conflict(self) -> str:
         """Return a sentence that names the publishers of `reference` if there are several.
 
-        The publishers are those in the ROS graph, which shows a killed process for a while.
+        The publishers are those in the ROS graph, which still shows a killed process for a while.
 
         Returns:
             The sentence; empty if there is one publisher or none.

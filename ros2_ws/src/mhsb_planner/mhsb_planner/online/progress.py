@@ -1,4 +1,4 @@
-"""Progress of the motion to a goal, and the energy that it has taken according to its plans.
+"""Progress of the motion to a goal, and its energy so far according to the plans.
 
 The time of plans is the arm's clock minus the delay that speed scaling has caused.
 """
@@ -39,9 +39,9 @@ class Progress:
     def update(self, execution: Execution, now_ns: int) -> None:
         """Update the elapsed share, the time left and the energy.
 
-        `replan.change_ns` is the end of the part that repeats the previous plan. Earlier times
-        count as `replan.change_ns`, and times after the plan's end count as the plan's end. The
-        energy of the time since the previous update is added.
+        `replan.change_ns` is the time at which the plan deviates from the previous plan. Earlier
+        times count as this time, and times after the plan's end count as the plan's end. The energy
+        since the previous update is added.
 
         Args:
             execution: Execution of the plan in force.

@@ -1,9 +1,9 @@
 """Planning while the arm moves: from the command in force to the command that takes over.
 
-A command is a joint trajectory with its mode schedule. A new command first repeats the old one for
-the time of its commit horizon. It then deviates from the old one with equal position, velocity and
-acceleration. This time is called its change. The time of plans is the arm's clock minus the delay
-that speed scaling has caused.
+A command is a joint trajectory with its mode schedule. A new command first repeats the old command
+for the time of its commit horizon. At its change, it then deviates from the old command, with equal
+position, velocity and acceleration. The time of plans is the arm's clock minus the delay that speed
+scaling has caused.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class Replan:
 
     Attributes:
         command: New command, to be sent to the arm.
-        previous_command: Old command, which the new one replaces.
+        previous_command: Old command, which the new command replaces.
         plan: Plan from which the new command was made.
-        change_ns: Absolute time at which the new command deviates from the old one [ns].
+        change_ns: Absolute time at which the new command deviates from the old command [ns].
         improvement_time: Time spent on improving the plan after its first feasible motion was found
             [s].
         via: Via points in `base_link` that the tip passes after the change [m].
@@ -54,7 +54,10 @@ class Replan:
 
     @property
     def starts_from_rest(self) -> bool:
-        """True if the old command has ended at the stamp of the new one, which may begin later."""
+        """True if the old command has ended at the stamp of the new command.
+
+        The new command may then also begin later.
+        """
         return self.previous_command.trajectory.end_ns <= self.command.stamp_ns
 
     def with_stamp(self, now_ns: int, commit_horizon: float) -> Replan | None:
@@ -79,7 +82,7 @@ class Replan:
 
 
 class Replanner:
-    """Maker of commands that continue other commands."""
+    """Planner of commands that continue other commands."""
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
         """Create the planner for a machine, with the posture table of the arm's plane."""
@@ -92,8 +95,8 @@ class Replanner:
             kinds: Names of the planners to prepare, such as `table`.
 
         Returns:
-            Command of the example plan. If no planner found a plan, it is a command that holds the
-            position.
+            Command of the example plan, or a command that holds the position if no planner found a
+            plan.
         """
         warm_up(self._planner, kinds)
         return self._run_example(kinds)
@@ -119,10 +122,10 @@ class Replanner:
         """Plan from the command in force to a goal.
 
         The new command begins at its own stamp and repeats `in_force` for the time of the commit
-        horizon. It then deviates from `in_force`; this instant is called its change.
+        horizon. At its change, it then deviates from `in_force`.
 
         Args:
-            in_force: Command that the new one continues.
+            in_force: Command that the new command continues.
             now_ns: Earliest stamp of the new command, by the clock that stamps `in_force` [ns]. The
                 new stamp may be a few milliseconds later.
             goal: Goal of the tip in `base_link`, (x, z) or (x, y, z) [m].
@@ -181,9 +184,9 @@ class Replanner:
     def _run_example(self, kinds: Iterable[str]) -> Command:
         """Plan a move to a neighbouring workspace node, and plan it again while the arm moves.
 
-        The purpose is to compile all code, since the first call of each function takes long. Each
-        planner plans twice, with stamps of 1 s and of 1.5 s. Each plan starts from the command of
-        the last plan that succeeded. Errors of planning are ignored.
+        This compiles all code, since the first call of each function takes long. Each planner plans
+        twice, with the stamps 1 s and 1.5 s. Each plan starts from the command of the last plan
+        that succeeded. Errors of planning are ignored.
 
         Args:
             kinds: Names of the planners to run, one after the other.

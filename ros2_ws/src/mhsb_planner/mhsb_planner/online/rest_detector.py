@@ -19,18 +19,18 @@ REST_SPEED = 0.01
 REST_TIME = 0.2
 """Time for which the arm must stand still before it counts as at rest [s].
 
-No motion stays below `REST_SPEED` for so long. If all joints reverse at the same time, they are
-below it for less than 0.1 s.
+A motion does not stay below `REST_SPEED` for so long: even if all joints reverse at the same time,
+they are below it for less than 0.1 s.
 """
 
 
 class RestDetector:
     """Detector of a measured standstill of the arm.
 
-    An arm that a servo holds vibrates. Measured velocities reach 0.06 rad/s while positions stay
-    within 0.1 mrad. Therefore two speeds are computed over the last `REST_TIME` before the last
-    measurement, and the smaller one counts. One is the largest measured velocity. The other is the
-    largest change of a joint's position, divided by `REST_TIME`.
+    An arm vibrates while a servo holds it: measured velocities reach 0.06 rad/s although positions
+    stay within 0.1 mrad. So the smaller of two speeds counts, both over the last `REST_TIME` before
+    the last measurement. The first is the largest measured velocity. The second is the largest
+    change of a joint's position, divided by `REST_TIME`.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class RestDetector:
         """Add a measurement, and drop measurements that are older than `REST_TIME`.
 
         A new series of measurements starts after a gap of more than `OLDEST_STATE`. Measurements of
-        all publishers are added to one series. If two arms use one name, both must rest.
+        all publishers form one series, so if two arms use the same name, both must rest.
 
         Args:
             state: Measured position [rad or m] and velocity [rad/s or m/s] of all joints.
@@ -79,8 +79,8 @@ class RestDetector:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            Clause without capital letter and full stop. It states that nothing was measured within
-            `OLDEST_STATE`, or it states the measured joint speed and its limit [rad/s].
+            Clause without capital letter and full stop. It says that nothing was measured within
+            `OLDEST_STATE`, or gives the measured joint speed and its limit [rad/s].
         """
         if not self._states or steady_time - self._states[-1][0] > OLDEST_STATE:
             return f"nothing was measured of the arm in the last {OLDEST_STATE:g} s (joint_states)"
@@ -90,8 +90,8 @@ class RestDetector:
     def _compute_speed(self) -> float:
         """Compute the joint speed over the measurements of the last `REST_TIME`.
 
-        Two speeds are compared. One is the largest measured velocity of any joint. The other is the
-        largest change of any joint's position, divided by `REST_TIME`.
+        Two speeds are compared: the largest measured velocity of any joint, and the largest change
+        of any joint's position divided by `REST_TIME`.
 
         Returns:
             The smaller of the two speeds, not negative [rad/s]. For a joint that slides it is in

@@ -13,7 +13,7 @@ CONFIDENCE_SIGMAS = 1.96
 """Half width of the 95 % confidence interval of an estimate, in standard deviations [-]."""
 
 MAX_RELATIVE_UNCERTAINTY = 0.1
-"""Largest half width of the 95 % interval at which an estimate is used, over the payload [-]."""
+"""Largest half width of the 95 % interval of a used estimate, as a share of its value [-]."""
 
 MIN_RELATIVE_CHANGE = 0.03
 """Smallest change of the payload that is used in plans, as a share of the payload [-].
@@ -33,8 +33,8 @@ def choose_payload(estimates: Sequence[Estimate], previous_payload: float | None
       payload, or `previous_payload` is None.
 
     Args:
-        estimates: Estimates of the arm for any quantities, each with value and standard deviation.
-            That of the payload is in kg.
+        estimates: Estimates of any quantities of the arm, each with value and standard deviation;
+            [kg] for the payload.
         previous_payload: Estimated payload that plans have used so far [kg]; None if plans have
             used no estimate.
 
@@ -66,10 +66,11 @@ class Settings:
         options: Options of plans.
         lead_min: Lower bound of the commit horizon (time until a new plan takes over) [s].
         lead_max: Upper bound of the commit horizon [s].
-        planning_budget: Fixed commit horizon [s]. 0 means that it is estimated, within the bounds.
+        planning_budget: Fixed commit horizon [s]. 0 means that the horizon is estimated, within the
+            bounds.
         reached_tolerance: Largest distance of the measured tip from the goal, or from its region,
             at which the goal counts as reached [m].
-        lost_servo_pumps: Numbers of failed servo pumps, from 1. `machine` does not have them.
+        lost_servo_pumps: Numbers of failed servo pumps, from 1. They are not included in `machine`.
     """
 
     machine: Machine

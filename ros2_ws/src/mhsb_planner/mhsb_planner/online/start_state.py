@@ -38,7 +38,7 @@ class NoStateError(MhsbError):
 
 
 class OtherMachineError(MhsbError):
-    """Error: the arm was started with another machine file than the planner."""
+    """Error: arm and planner were started with different machine files."""
 
 
 class MovingError(MhsbError):
@@ -46,11 +46,10 @@ class MovingError(MhsbError):
 
 
 def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> Command:
-    """Find the command that a plan made now has to continue.
+    """Find the command that a new plan has to continue.
 
-    Some arms report which plan they execute; others do not. A state is fresh if it was received at
-    most `OLDEST_STATE` ago. From an arm that is silent (`ArmState.is_silent`) no plan can start.
-    Otherwise the first source that exists decides:
+    A state is fresh if it was received at most `OLDEST_STATE` ago. No plan can start from an arm
+    that is silent (`ArmState.is_silent`). Otherwise the first of these sources that exists decides:
 
     1. This planner's last confirmed command, if the arm reports that it executes this command.
     2. A fresh reference of the arm. If it rests, the result holds the arm there. If it moves,
@@ -63,7 +62,7 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
         arm_state: Arm state.
         steady_time: Present time by the steady clock [s].
         now_ns: Present time of plans [ns]. It is the arm's clock minus the delay that the arm's
-            speed scaling has caused so far. A command that holds gets this stamp.
+            speed scaling has caused so far. A command that holds the position gets this stamp.
 
     Returns:
         This planner's own command, or a command that holds the position in the modes in force.

@@ -1,8 +1,8 @@
 """Stop of the arm: braking commands for this planner's plan, calls of the arm's own ~/stop.
 
-A stop is finished when the arm is measured at rest. It is also finished when the arm has confirmed
-a braking command, if it is known when the arm will rest. The time of plans is the arm's clock minus
-the delay that speed scaling has caused.
+A stop is finished when the arm is measured at rest, or when the arm has confirmed a braking command
+and the time at which it will rest is known. The time of plans is the arm's clock minus the delay
+that speed scaling has caused.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STOP_TIMEOUT = 5.0
 """Longest time for the arm to confirm a braking command or to answer its ~/stop [s]."""
 
 REST_TIMEOUT = 15.0
-"""Longest time for the arm to come to rest once its ~/stop has been answered [s]."""
+"""Longest time for the arm to come to rest after the answer of its ~/stop [s]."""
 
 CALL_PERIOD = 1.0
 """Time without an answer after which the arm's ~/stop is called again [s]."""
@@ -39,7 +39,7 @@ MAX_BRAKING_COMMANDS = 3
 BRAKING_TIMEOUT = 1.0
 """Time after the beginning of a stop in which braking commands are sent [s].
 
-After it the arm's own ~/stop is called.
+After this time, the arm's own ~/stop is called.
 """
 
 SETTLING_TIME = 0.3
@@ -49,17 +49,17 @@ On all machine files the measured speed falls below 0.005 rad/s before the refer
 """
 
 LATE_SHARE = 0.5
-"""Largest share of the commit horizon in which a braking for an obstacle may be computed [-].
+"""Largest share of the commit horizon that computing a braking for an obstacle may take [-].
 
-If it takes longer, it is computed again with a longer horizon. With a larger share, more of these
-commands would come too late.
+If the computation takes longer, it is repeated with a longer horizon. With a larger share, more
+braking commands would come too late.
 """
 
 STOP_ASKED = "the planner was asked to stop"
-"""Reason of a stop that a user has requested from the planner."""
+"""Reason of a stop that was requested from the planner."""
 
 ARM_STOPPED = "the arm was asked to stop"
-"""Reason of a stop that somebody has requested from the arm."""
+"""Reason of a stop that was requested from the arm."""
 
 AT_REST = "the arm stands still"
 """Sentence of a stop that has succeeded."""
@@ -74,11 +74,11 @@ caused)."""
 
 
 class StopSequence:
-    """Stop that is under way: it brakes the arm, or calls its ~/stop, and finds the result.
+    """Stop that is under way: it brakes the arm or calls the arm's ~/stop, and finds the result.
 
     While the stop is under way, the goal lifecycle calls `take_step` and `find_result` after each
-    event. It calls `confirm_braking` when the arm has taken a braking command, and `finish` as soon
-    as there is a result.
+    event. It calls `confirm_braking` when the arm has confirmed a braking command, and `finish` as
+    soon as there is a result.
 
     Attributes:
         goal_after_stop: Goal to plan for after the arm has stopped; None for no goal.
@@ -101,7 +101,7 @@ class StopSequence:
             arm_stops: Caller of the arm's own ~/stop.
             brake: Function that makes a braking command.
             reason: Reason of the stop, as execution reports state it. Empty for an obstacle: the
-                reason is then the sentence that the braking command comes with.
+                reason then becomes a sentence on the place of rest.
             goal_after_stop: Goal to plan for after the arm has stopped; None for no goal.
         """
         self._on_finished: list[Callable[[bool, str], None]] = []
@@ -123,9 +123,9 @@ class StopSequence:
         self._last_obstacle_sentence = ""
 
     def join(self, done: Callable[[bool, str], None], goals: list[PendingGoal]) -> None:
-        """Let a user's request to stop wait for this stop.
+        """Join a user's request to stop with this stop, which is under way.
 
-        If a goal waits to be planned for after the stop, this goal now ends with the stop, too.
+        No goal is planned for after the stop any more: `goal_after_stop` also ends with the stop.
 
         Args:
             done: Called once with success and sentence when the stop is finished.
@@ -140,8 +140,8 @@ class StopSequence:
     def brake_for(self, obstacle: str) -> None:
         """Brake for an obstacle that lies ahead on the motion in force.
 
-        If the arm has already confirmed a braking command of this stop, a new one is made all the
-        same: the first one did not consider the obstacle.
+        A new braking command is made even if the arm has already confirmed one of this stop, since
+        that command did not consider the obstacle.
 
         Args:
             obstacle: Name of the obstacle.
@@ -156,9 +156,9 @@ class StopSequence:
 
         The first of these cases decides:
 
-        1. A braking command can help (`_may_brake`): it is sent, unless another command was sent
-           and not answered yet. Each further braking command has a longer commit horizon (time
-           until braking begins).
+        1. A braking command can help (`_may_brake`): it is sent, unless another command is still
+           without an answer. Each further braking command has a longer commit horizon (time until
+           braking begins).
         2. The arm has confirmed a braking command: nothing happens.
         3. Otherwise the arm's own ~/stop is called, at most every `CALL_PERIOD`, until it has
            answered.
@@ -181,8 +181,8 @@ class StopSequence:
             - The arm has no fault, and its reference has one publisher.
             - No braking command is confirmed, and fewer than `MAX_BRAKING_COMMANDS` were made.
             - The stop began at most `BRAKING_TIMEOUT` ago.
-            - No other node sends plans that could replace the braking command. This condition is
-              left out if the stop is for an obstacle, which the arm's ~/stop would not consider.
+            - No other node sends plans, which could replace the braking command. For an obstacle,
+              this condition is left out, because the arm's ~/stop would not consider the obstacle.
         """
         state, arm = self._state, self._state.arm_state
         is_late = state.now - self._started_at > BRAKING_TIMEOUT
@@ -208,10 +208,10 @@ class StopSequence:
     def _make_braking(self, own: Command) -> UnconfirmedPlan:
         """Make a command that brakes along the path of the command in force.
 
-        If the stop is for an obstacle, a braking that comes to rest before the obstacle is chosen,
-        if there is one. The reason of the stop then becomes a sentence on the place of rest, which
-        is also logged. If the choice takes more than `LATE_SHARE` of the commit horizon (time until
-        braking begins), it is repeated with a longer horizon.
+        If the stop is for an obstacle, the arm comes to rest before the obstacle if possible. The
+        reason of the stop then becomes a sentence on the place of rest, which is also logged. If
+        the choice takes more than `LATE_SHARE` of the commit horizon (time until braking begins),
+        it is repeated with a longer horizon.
 
         Args:
             own: Command that the arm executes.
@@ -251,10 +251,10 @@ class StopSequence:
             sent: The braking command.
 
         Returns:
-            True and a sentence with the time until the arm rests; with this result the stop can be
-            finished. None if this time is not known: the reference governor has delayed plans, or
-            the arm does not report which plan it executes. Only a measured rest then finishes the
-            stop.
+            True and a sentence with the time until the arm rests; the stop can be finished with
+            this result. None if this time is not known, because the reference governor has delayed
+            plans or the arm does not report which plan it executes. Then only a measured rest
+            finishes the stop.
         """
         arm = self._state.arm_state
         self._is_braking_confirmed = True
@@ -271,7 +271,7 @@ class StopSequence:
     def find_result(self) -> tuple[bool, str] | None:
         """Find the result of the stop: the arm rests, or it cannot be brought to rest.
 
-        The stop succeeds if the arm is measured at rest and will stay there, and no command is
+        The stop succeeds if the arm is measured at rest and will stay at rest, and no command is
         unconfirmed (sent, without an answer). It fails in three cases:
 
         - The arm's ~/stop answers without success.
@@ -309,10 +309,10 @@ class StopSequence:
             True after a confirmed braking command. Without one, the answer of the arm's ~/stop
             decides:
 
-            - It answered with success: True if that was at least `REST_TIME` ago, and the arm
-              executes no command of this planner. A motion that has just begun is too slow to be
-              told from rest, and decelerates after the answer. If several publishers send the
-              arm's reference, the second condition is left out.
+            - It answered with success: True if the answer is at least `REST_TIME` old, and the arm
+              executes no command of this planner. The age is needed because a motion that has just
+              begun is as slow as rest, and decelerates only after the answer. If several publishers
+              send the arm's reference, the second condition is left out.
             - It answered without success: False.
             - It has not answered: True if three conditions are met. The service could not be called
               or `STOP_TIMEOUT` has passed, only one publisher sends the reference, and no plan is
@@ -329,11 +329,11 @@ class StopSequence:
         return is_unreachable and not arm.publisher_conflict and has_no_plan
 
     def finish(self, result: tuple[bool, str]) -> None:
-        """Finish the stop: end its goals, then call all functions that wait for it.
+        """Finish the stop: end its goals, then call all functions that wait for the result.
 
         If the stop has succeeded, the execution of the plan in force ends. The goal of this plan
-        ends as reached if the tip is at the goal, otherwise as stopped. If it is the goal to plan
-        for after the stop, it does not end.
+        ends as reached if the tip is at the goal, otherwise as stopped. The goal to plan for after
+        the stop does not end.
 
         Args:
             result: Success and sentence, passed to the functions that wait. Success means that the
@@ -362,10 +362,10 @@ class StopSequence:
     # --- Log -------------------------------------------------------------------------------------
 
     def report_waiting(self) -> None:
-        """Log that the arm will brake for an obstacle after its answer to the last plan.
+        """Log that braking for an obstacle must wait for the arm's answer to the last plan.
 
-        Before this answer, the planner cannot brake the arm for the obstacle. Nothing happens if
-        the stop has a reason already, for example because a braking command was made.
+        Nothing happens if the stop already has a reason, for example because a braking command was
+        made.
         """
         if not self._reason:
             self._report_obstacle(

@@ -1,10 +1,10 @@
 """Braking for a zone that is set ahead of the moving arm.
 
-The arm brakes along its path. The softest braking is taken that rests before the zone, at least the
-margin away from it. If there is none, the braking within the machine's limits that keeps most
-clearance is taken, usually the hardest. A sentence for log and report states the place of rest.
-Absolute times are in the time of plans: the arm's clock minus the delay that speed scaling has
-caused.
+The arm brakes along its path. The softest braking is chosen that comes to rest before the zone, at
+least the margin away from it. If there is none, the braking within the machine's limits with the
+greatest clearance is chosen, usually the hardest. A sentence for log and report says where the arm
+comes to rest. Absolute times are in the time of plans: the arm's clock minus the delay that speed
+scaling has caused.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ LOOK_NS = 2_000_000
 """Time between the postures at which clearances are measured [ns]."""
 
 CLEARANCE_DIGITS = 4
-"""Number of decimals of clearances [m] that are compared: a tenth of a millimetre.
+"""Number of decimals to which compared clearances [m] are rounded: 0.1 mm.
 
-Differences by rounding therefore have no effect.
+So numerical differences have no effect.
 """
 
 
@@ -45,9 +45,9 @@ class ZoneStop:
 
     Attributes:
         command: Command that first repeats the motion in force, and then brakes along its path.
-        change_ns: Absolute time at which it begins to brake [ns].
-        touches_obstacle: True if the arm touches an obstacle during the command, or is in one at
-            the command's stamp.
+        change_ns: Absolute time at which the command begins to brake [ns].
+        touches_obstacle: True if the arm touches an obstacle during the command, or is in an
+            obstacle at the command's stamp.
         passed_clearance: Least clearance of the old motion, from the time at which the obstacle was
             set to the command's stamp [m]. Negative inside an obstacle, like all clearances.
         begin_clearance: Clearance at the command's stamp [m].
@@ -83,7 +83,7 @@ class ZoneStop:
         Args:
             machine: Machine with the zones in force.
             command: Command that brakes.
-            change_ns: Time at which it begins to brake [ns].
+            change_ns: Time at which the command begins to brake [ns].
             previous_motion: Trajectory that was in force before this command.
             since_ns: Time at which the obstacle was set, by the clock of the stamps [ns].
 
@@ -101,15 +101,15 @@ class ZoneStop:
 
     @property
     def keeps_margin(self) -> bool:
-        """True if the arm touches no obstacle and rests at least the margin away from all."""
+        """True if the arm touches no obstacle, and keeps the margin from all obstacles at rest."""
         return not self.touches_obstacle and self.rest_clearance >= self.margin
 
     @property
     def rank(self) -> tuple[float, float]:
         """Sort key of braking commands; the greatest key is the best command.
 
-        It consists of the least clearance during the command and the clearance at rest [m]. Both
-        are rounded to `CLEARANCE_DIGITS` decimals.
+        The key is the least clearance during the command, then the clearance at rest [m], both
+        rounded to `CLEARANCE_DIGITS` decimals.
         """
         return round(self.least_clearance, CLEARANCE_DIGITS), round(
             self.rest_clearance, CLEARANCE_DIGITS
@@ -120,11 +120,11 @@ class ZoneStop:
 
         The first case that applies is stated:
 
-        - The arm touches nothing and has passed the obstacle already.
+        - The arm touches nothing and has already passed the obstacle.
         - It touches nothing and stops before the obstacle.
         - It stops nearer to the obstacle than the margin. Distance and margin are stated.
-        - It was in an obstacle at the command's stamp. The depth at rest is stated, or that the arm
-          rests beyond the obstacle.
+        - It was in an obstacle at the command's stamp. The sentence has the depth at rest, or says
+          that the arm rests beyond the obstacle.
         - It cannot stop before the obstacle. The depth at rest is stated. If it rests beyond the
           obstacle, the greatest depth on the way is stated.
 
@@ -186,9 +186,10 @@ def make_braking_for_obstacle(
 ) -> ZoneStop:
     """Make the command that brakes along the path in force for an obstacle ahead.
 
-    The result is the softest braking that touches no obstacle and rests at least the machine's
-    margin away from all obstacles. If there is none, it is the braking whose least clearance on the
-    way is greatest, usually the hardest. Among several of these, the clearance at rest decides.
+    The result is the softest braking that touches no obstacle and comes to rest at least the
+    machine's margin away from all obstacles. If there is none, the braking with the greatest least
+    clearance on the way is taken, usually the hardest. If several are equal, the clearance at rest
+    decides.
 
     Args:
         machine: Machine with the zones in force.
@@ -196,9 +197,9 @@ def make_braking_for_obstacle(
         now_ns: Earliest stamp of the result, in the time of plans [ns].
         commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
             `in_force` during this time.
-        since_ns: Time at which the obstacle was set, in the time of plans [ns]. From then to its
-            stamp, the result measures `passed_clearance`. If the measured clearance is negative and
-            the arm is clear now, the arm has passed the obstacle already.
+        since_ns: Time at which the obstacle was set, in the time of plans [ns]. `passed_clearance`
+            of the result is measured from this time to the stamp. If it is negative and the arm is
+            clear at the stamp, the arm has passed the obstacle.
 
     Returns:
         The command with its clearances.
@@ -217,9 +218,8 @@ def make_braking_for_obstacle(
 def _generate_brakings(machine: Machine, in_force: Command, at_ns: int) -> Iterator[Command]:
     """Yield braking commands along the path of a motion, the softest first.
 
-    The first one brakes as at a usual stop and is not checked. The others brake harder and harder.
-    The generator ends before the first of these that breaks a limit of the machine. Obstacles do
-    not count as limits.
+    The first command brakes as in a usual stop and is not checked. The others brake ever harder,
+    until one would break a limit of the machine. Obstacles do not count as limits.
 
     Args:
         machine: Machine with its limits.
@@ -253,8 +253,8 @@ def _compute_clearances(
         until_ns: End of the stretch, not before its beginning [ns].
 
     Returns:
-        Clearance at each of k samples, negative inside an obstacle, float64[k], [m]. Second, the
-        row of the nearest obstacle in `machine.obstacles` at each sample, int64[k].
+        Clearance at each of k samples, negative inside an obstacle, float64[k], [m], and row of the
+        nearest obstacle in `machine.obstacles` at each sample, int64[k].
     """
     at_ns = np.append(np.arange(from_ns, until_ns, LOOK_NS), until_ns)
     postures = frozen(motion.sample_many(at_ns)[0])
