@@ -1,4 +1,4 @@
-"""Planners: each proposes paths for a request, with postures from its own source.
+"""Planners, which propose paths for a request, each with postures from its own source.
 
 How to add one: docs/planners.md.
 """

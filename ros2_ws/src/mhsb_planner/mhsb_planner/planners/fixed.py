@@ -1,4 +1,4 @@
-"""The conventional method as a planner: joint 3 keeps its angle, or all joints but two do."""
+"""Planner by the conventional method: all joints except two keep their angles."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class FixedPlanner(PathPlanner):
     ) -> Iterator[PathProposal]:
         """Yield paths in the graph of kept joints, by the exact or the published search.
 
-        In this graph all joints but two keep the angles of the start, clipped to their limits. With
-        `options.initial_j3`, joint 3 keeps that angle instead. Each call builds the graph and
+        In this graph, all joints except two keep their start angles, clipped to the limits. If
+        `options.initial_j3` is given, joint 3 keeps this angle. Each call builds the graph and
         prices all its steps. `options.search` chooses the search. The published search (the
         paper's) keeps one label per node, and may miss the cheapest path.
 

@@ -1,10 +1,10 @@
 """Integrated planner: decides path, posture and modes together (`mhsb_planner.integrated`).
 
-A motion may cost more than the estimate for its path. The planner therefore also proposes paths
-from other searches, for comparison:
+A motion may cost more than its path. So the planner also proposes paths from other searches, for
+comparison:
 
-- the paths of the baselines (table planner and fixed-joint planner). Each is proposed twice: for
-  the baseline's method of making a motion (S3), and for this planner's method;
+- the paths of the baselines (table planner and fixed-joint planner), each proposed twice: for the
+  baseline's method of making a motion (S3), and for this planner's method;
 - if the manipulability loss has a weight, the path that is found without it.
 """
 
@@ -77,15 +77,14 @@ class IntegratedPlanner(PathPlanner):
     ) -> ProposerSet:
         """Create the proposers (sources of paths) for a request.
 
-        There is one for the integrated search, one for the same search without leakage, and one for
-        each baseline (planner to compare with). All but the integrated search do no work before
-        their first turn. Others are added:
+        There is a proposer for the integrated search, one for the same search without leakage, and
+        one for each baseline (planner to compare with). Except for the integrated search, they do
+        no work before their first turn. Other proposers are added:
 
-        - If the manipulability loss has a weight: a search without this weight. It counts as a
+        - If the manipulability loss has a weight: a search without this weight, which counts as a
           baseline. All baselines then have an early turn, because the integrated search takes long.
         - If there is a goal region: this planner with all its proposers, for the request without
-          the region. It comes last, and ensures that the region does not make the plan more
-          expensive.
+          the region. It comes last, and ensures that a region never makes the plan more expensive.
 
         Args:
             search: The integrated search.
@@ -172,7 +171,7 @@ def _create_search(
         leaks: True if the search counts the leakage of the valves when it compares paths.
 
     Returns:
-        The search. Goal postures are sampled already, but no path has been searched.
+        The search, with sampled goal postures; no path has been searched yet.
 
     Raises:
         MhsbError: No posture reaches the goal, or the deadline has passed.
@@ -192,8 +191,8 @@ def _paths_without_leakage(
 ) -> Iterator[PathProposal]:
     """Yield the paths of an integrated search that ignores leakage when it compares paths.
 
-    This search suits a slew that takes longer than the path. Leakage then costs the same on each
-    path.
+    This search is useful if the slew takes longer than the path, because leakage then costs the
+    same on each path.
 
     Args:
         machine: The arm without a slewing joint.
@@ -231,12 +230,12 @@ def _path_without_area(
 def _baseline_paths(
     baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield each path of a baseline for this planner's and for the baseline's method of S3.
+    """Yield each path of a baseline twice, for two methods of making a motion of it.
 
-    A baseline is a planner to compare with. The trajectory stage (S3) makes a motion of a path: it
-    fits a polynomial or follows the path. Each path comes first for the method of the planner that
-    the request names, then for the baseline's method. If the options name a method, each path comes
-    only once.
+    A baseline is a planner to compare with. The trajectory stage (S3) fits a polynomial to a path,
+    or follows the path. Each path is yielded first for the method of the planner that the request
+    names, then for the baseline's method. If the options name a method, each path is yielded only
+    once.
 
     Args:
         baseline: The baseline.

@@ -24,7 +24,7 @@ from mhsb_planner.search.s2_search import SearchMethod, Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
 DEFAULT_PLANNER = "integrated"
-"""Name of the planner of requests that name none."""
+"""Name of the planner for requests that name no planner."""
 
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
@@ -32,8 +32,8 @@ ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 DEFAULT_SPEED_EXCESS = 0.1
 """Default of `PlanOptions.max_speed_excess` [-]: the paper's "slightly above V_max".
 
-A polynomial that lasts as long as a path at V_max throughout exceeds V_max by at least a quarter.
-It is then stretched in time.
+A polynomial with the duration of a path at constant V_max exceeds V_max by at least a quarter, and
+is stretched in time.
 """
 
 HIGHEST_SPEED_EXCESS = 1.0
@@ -60,18 +60,17 @@ class PlanOptions:
         via_tolerance: Largest distance of the tip from a via point when it passes [m].
         planner: Name of the planner, one of `registry.REGISTERED_PLANNERS`.
         trajectory: Method of the trajectory stage (S3): the published `polynomial`, or `followed`
-            (along the path). None means the planner's method; a polynomial that had to be slowed is
-            then compared with following.
+            (along the path). None means the planner's method; if a polynomial had to be slowed, it
+            is then compared with a followed path.
         max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial [-], if options or
             planner ask for polynomials.
         initial_j3: Angle at which the fixed-joint planner keeps joint 3 [rad]; None means its angle
             at the start.
         search: Graph search of the table and fixed-joint planners, `exact` or `published`.
         heuristic_scale: Scale of the published search's heuristic [1/m].
-        period: Period of goals that follow each other, from one plan to the next [s]; 0 means that
-            none follows.
+        period: Time between the messages of a moving goal [s]; 0 means that the goal does not move.
         area_weight: Weight w₄ of the manipulability loss (`manipulability_loss`) [1/m]; 0 ignores
-            it. Only some planners take it.
+            it. Only some planners accept it.
 
     Raises:
         RequestError: A value is out of range; `__post_init__` has the ranges.
@@ -97,9 +96,9 @@ class PlanOptions:
 
         Raises:
             RequestError: A rule is broken. Angles and via points must be finite. Angles must be at
-                most WIDEST_ANGLE in magnitude. A range must begin with its lower end.
-                `via_tolerance` must be above 0 and at most MAX_REGION_SIZE. Weights must be of the
-                type `Weights`. All weights, `area_weight` included, must be from 0 to
+                most WIDEST_ANGLE in magnitude. A range must be given from its lower to its upper
+                end. `via_tolerance` must be above 0 and at most MAX_REGION_SIZE. Weights must be of
+                the type `Weights`. All weights, `area_weight` included, must be from 0 to
                 HIGHEST_WEIGHT, and at least one must be above 0. `max_speed_excess` must be from 0
                 to HIGHEST_SPEED_EXCESS.
         """
@@ -170,7 +169,7 @@ class PlanOptions:
 
         Returns:
             True if the tip is within AT_GOAL_DISTANCE of the goal or region, and the end-link angle
-            within AT_GOAL_ANGLE of the admissible ones.
+            within AT_GOAL_ANGLE of an admissible angle.
 
         Raises:
             OutOfWorkspaceError: The slew's limits do not allow the goal.
@@ -185,7 +184,7 @@ class PlanOptions:
     def _distance_from_plane(
         self, machine: Machine, place: PlanarTarget, posture: FloatArray
     ) -> float:
-        """Compute the arc length around the slew's axis from the tip to a target's vertical plane.
+        """Compute the arc length around the slew's axis from the tip to a target's plane.
 
         Args:
             machine: The whole arm.

@@ -1,4 +1,4 @@
-"""Interface of planners: the request that they get and the paths that they propose."""
+"""Interface of planners, with the request that they get and the paths that they propose."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mhsb_planner.search.s2_search import SAME_POINT, PathQuery
 
 
 class SlewDemand(NamedTuple):
-    """Oil and time that the slew needs at least, for lower bounds on the energy of a plan.
+    """Least oil and time that the slew needs, for lower bounds on the energy of a plan.
 
     Attributes:
         oil: Oil volume that the slew takes [m³].
@@ -36,7 +36,7 @@ class SlewDemand(NamedTuple):
 
 
 NOTHING_ELSE = SlewDemand(0.0, 0.0)
-"""Slew demand of an arm that does not slew, or need not."""
+"""Slew demand of an arm that does not slew or need not slew."""
 
 UNEXPLAINED_END = "a planner that gives no path must say why"
 """Sentence of the ValueError for a planner that proposes nothing and raises nothing."""
@@ -51,12 +51,12 @@ class PathRequest:
             `base_link` [m].
         start: Positions, velocities and accelerations of the joints at the start.
         modes: Modes in force at the start, with their ages.
-        brake: Motion that brings a moving start to rest, by one of three methods (`Planner`). None
-            means that the start is at rest.
+        brake: Motion that brings a moving arm to rest. None means that the arm is at rest at the
+            start.
         departure: Posture at rest from which the path begins, shape (n,) [rad or m].
         options: Options of the plan.
         area: Weight of the manipulability loss and the reference area.
-        slew_demand: Oil and least time of the slew, which is not among the joints of the graph.
+        slew_demand: Oil and least time that the slew needs; the graph does not include the slew.
     """
 
     goal: Position
@@ -82,7 +82,7 @@ class PathRequest:
 
         Returns:
             True if the tip is within SAME_POINT of the goal or in its region, and the end-link
-            angle ψ within SAME_POINT of an admissible one.
+            angle ψ is within SAME_POINT of an admissible angle.
         """
         return is_goal_met(
             self.planar_goal,
@@ -146,13 +146,13 @@ class PathRequest:
 
 
 class PathProposal(NamedTuple):
-    """Path that a planner proposes, with the way to make a motion of it.
+    """Path that a planner proposes, with the method of making a motion of it.
 
     Attributes:
         path: The path.
         for_comparison: True if the path does not come from the planner's own search.
-        trajectory: Method by which the trajectory stage (S3) makes a motion of this path, if the
-            options name none. None means the method of the planner that the request names.
+        trajectory: Method by which the trajectory stage (S3) makes a motion of this path, unless
+            the options name a method. None means the method of the planner that the request names.
         proposer: Name of the proposer in the log; empty means the name of the planner.
         via_step: Index of the first step after the via point at which the slew may turn alone; None
             if there is no such point.
@@ -168,15 +168,17 @@ class PathProposal(NamedTuple):
 class PathPlanner(Protocol):
     """Interface of a planner, which proposes paths; the planning loop fits motions to them.
 
-    A planner derives from it and inherits the values of the attributes that it does not need.
+    A planner derives from this class and inherits the default values of attributes that it does not
+    set.
 
     Attributes:
-        name: Name by which requests choose it.
+        name: Name by which requests choose the planner.
         summary: Clause for messages that says where the postures come from; it follows the name.
-        trajectory: Method by which the trajectory stage (S3) makes motions, if the options name
-            none: "followed" (along the path) or "polynomial".
+        trajectory: Method by which the trajectory stage (S3) makes motions, unless the options name
+            a method: "followed" (along the path) or "polynomial".
         weighs_area: Whether the area weight w₄ may be above 0.
-        baselines: Other planners whose motions are compared with its own, the fastest first.
+        baselines: Other planners whose motions are compared with those of this planner, the fastest
+            first.
         takes: Names of the options that this planner uses but some others do not, from `search`,
             `heuristic_scale` and `initial_j3`.
     """
@@ -191,21 +193,21 @@ class PathPlanner(Protocol):
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Propose paths from the request's departure to its goal: one early, then cheaper ones.
+        """Propose paths from the request's departure to its goal: one early, then cheaper paths.
 
-        The departure is the posture at rest where the path begins. If the arm is at the goal
-        already (`begins_at_goal`), the planner yields a path without steps. A path starts within
-        1e-9 rad of the departure and ends at the goal or in its region. Joints move linearly in a
-        step, so no cylinder should move more than some 5 mm in one.
+        The departure is the posture at rest where the path begins. If the arm is already at the
+        goal (`begins_at_goal`), the planner yields a path without steps. A path starts within 1e-9
+        rad of the departure and ends at the goal or in its region. Joints move linearly in a step,
+        so a step should move no cylinder by more than about 5 mm.
 
-        A motion is fitted to each path before the next one is asked for. The consumer may stop at
-        any time. A planner calls `progress.search_deadline.check` about every millisecond; its
-        error ends the search, and the motions found so far are kept. An error after a path is only
-        logged.
+        The consumer fits a motion to each path before it requests the next path, and may stop at
+        any time. A planner calls `progress.search_deadline.check` about every millisecond. The
+        error that this raises ends the search, and the motions found so far are kept. An error
+        after the first path is only logged.
 
-        `price_path` chooses modes and computes costs. The cost of any other path counts the energy
-        reading of the options, and w3 for each switch, also for those into the first step. The cost
-        also counts w4 for the manipulability loss. Both energies are filled in.
+        `price_path` chooses modes and computes costs. A planner that makes a path by itself must
+        set both energies and the cost. The cost counts the energy reading of the options, w3 for
+        each switch, including those into the first step, and w4 for the manipulability loss.
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
@@ -220,7 +222,7 @@ class PathPlanner(Protocol):
         """
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile the kernels of this planner by short trial calls; do nothing if it has none.
+        """Compile the kernels of this planner by short trial calls, if it has kernels.
 
         Kernels of `price_path` and `compute_step_costs` are compiled for all planners.
 
@@ -232,11 +234,11 @@ class PathPlanner(Protocol):
 def propose_in_both_ways(
     path: PathProposal, baseline: PathPlanner, task: PathRequest
 ) -> Iterator[PathProposal]:
-    """Yield a baseline's path for the request's method of S3, then for the baseline's method.
+    """Yield a baseline's path twice, for two methods of making a motion of it.
 
-    The trajectory stage (S3) makes a motion of a path: it fits a polynomial or follows the path.
-    The first proposal is for the method of the planner that the request names. The second one is
-    missing if the options name a method.
+    The trajectory stage (S3) fits a polynomial to a path, or follows the path. The first proposal
+    is for the method of the planner that the request names, the second for the baseline's method.
+    If the options name a method, there is no second proposal.
 
     Args:
         path: Proposal of the baseline.

@@ -1,9 +1,9 @@
 """Sources of paths for the whole arm: a planner with its step graph, at V_max or below it.
 
-A search plans each step at V_max, or as fast as pumps and pressures admit. At high speed valves
-take more pressure, which may call for boost and mode switches. No pressure is then left for the
-ramps, so that the motion may need boost, or much more time than its path. A path that is planned
-for a lower speed has modes that suit this speed. It costs less if leakage costs little.
+A search plans each step at V_max, or as fast as pumps and pressures allow. At high speed, valves
+take more pressure, so that boost and mode switches may be needed. There may also be no pressure
+left for the ramps, so that the motion needs boost, or much more time than its path. A path at a
+lower speed has modes that suit this speed. It is cheaper if leakage costs little.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class PathSource(Protocol):
         """
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield paths of the whole arm without via points: the first early, then cheaper ones.
+        """Yield paths of the whole arm without via points: the first early, then cheaper paths.
 
         The paths lead from the departure (posture at rest where the path begins) to the goal.
 
@@ -130,7 +130,8 @@ def limit_speeds(machine: Machine, factor: float) -> Machine:
         factor: Factor on V_max (allowed piston speed) of each actuator [-].
 
     Returns:
-        The slower machine. Only its `arrays` have the lower V_max; `config` still has the old one.
+        The slower machine. Only its `arrays` have the lower V_max; `config` still has the old
+        V_max.
     """
     speed = frozen(factor * machine.arrays.max_piston_speed)
     return replace(machine, arrays=machine.arrays._replace(max_piston_speed=speed))

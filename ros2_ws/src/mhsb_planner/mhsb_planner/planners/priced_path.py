@@ -1,4 +1,4 @@
-"""Discrete path through given postures, for sources of paths that choose postures but not modes."""
+"""Discrete path through given postures, for planners that choose postures but not modes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from mhsb_planner.search.s2_step import compute_step_costs
 def price_path(
     machine: Machine, task: PathRequest, posture: FloatArray, progress: PlanProgress
 ) -> DiscretePath | None:
-    """Make the discrete path through given postures, each step in its cheapest modes.
+    """Make the discrete path through given postures, with the cheapest modes for each step.
 
     The cost of a step is w₁ E + w₂ T + w₃ switches: energy, duration, and mode switches from the
-    step before. The request says how boosted oil is priced in E (`energy_reading`). The modes of a
+    step before. The request's `energy_reading` says how boosted oil is priced in E. The modes of a
     step are chosen without regard to later steps, so other modes may make the whole path cheaper.
 
     Args:

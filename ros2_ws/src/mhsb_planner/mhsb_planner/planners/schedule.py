@@ -1,7 +1,7 @@
 """Order of the turns of proposers (sources of paths).
 
-A schedule is a generator of proposers. `take_turns` asks each for one path before it asks the
-schedule for the next proposer. Between turns, a schedule reads whether there is a motion by now
+A schedule is a generator of proposers. `take_turns` gets one path from each proposer before it gets
+the next proposer from the schedule. Between turns, a schedule reads whether a motion has been found
 (`PlanProgress.has_motion`), and what each proposer did at its last turn.
 """
 
@@ -18,20 +18,20 @@ from mhsb_planner.progress import PlanProgress
 EARLY_OWN_TURNS = 2
 """Number of turns of the integrated search before the first turn of a baseline.
 
-The first turn gives a straight line, the second its refinement. On `mhsb_arm3` the refinement takes
-one to three milliseconds and brings most of what longer searches save.
+The first turn gives a straight line, the second its refinement. On `mhsb_arm3`, the refinement
+takes one to three milliseconds and brings most of the saving of longer searches.
 """
 
 
 class Proposer:
-    """Named source of proposals, one at each turn.
+    """Named source that gives one proposal at each turn.
 
     Attributes:
         name: Name of the proposer in the log.
         last: Proposal of the last turn. None before the first turn, after the end, and in a pause
             before work that takes long.
         has_ended: True if it has no further proposals.
-        error: Error that ended it; None if there was none.
+        error: Error that ended the proposer; None if there was none.
     """
 
     def __init__(self, name: str, proposals: Iterator[PathProposal | None]) -> None:
@@ -39,8 +39,8 @@ class Proposer:
 
         Args:
             name: Name of the proposer in the log.
-            proposals: Source of its proposals. It yields None before work that takes long, so that
-                other proposers can have their turns first.
+            proposals: Generator of its proposals. It yields None before work that takes long, so
+                that other proposers can have their turns first.
         """
         self.name = name
         self.last: PathProposal | None = None
@@ -110,10 +110,10 @@ class ProposerSet:
 
     Attributes:
         own: The integrated search.
-        without_leakage: The same search, but it ignores leakage when it compares paths.
+        without_leakage: The same search, which ignores leakage when it compares paths.
         baselines: Other sources of paths to compare with, the quickest first.
         slew_time: Least time that the slew needs [s]. `without_leakage` has its turns as soon as
-            `own` has proposed a path that takes less.
+            `own` has proposed a path that takes less time.
         early_count: Number of baselines that have a turn right after the first turns of `own`.
     """
 
@@ -130,12 +130,12 @@ def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterat
     1. The integrated search has EARLY_OWN_TURNS turns.
     2. Each of the first `early_count` baselines (sources to compare with) has one turn.
     3. The integrated search has one turn after the other until it has ended. If half of the time is
-       over without a motion, the baselines have turns until there is one.
+       over without a motion, the baselines have turns until there is a motion.
     4. The baselines have turns until each has ended.
 
-    `proposers` may contain one more search, which prices no leakage. It has all its turns as soon
-    as the integrated search has given a path that takes less time than the slew. The motion then
-    lasts as long as the slew on any path, so leakage costs the same on each.
+    The search without leakage has all its turns as soon as the integrated search has given a path
+    that takes less time than the slew. Every motion then lasts as long as the slew, so leakage
+    costs the same on each path.
 
     Args:
         proposers: The proposers.
@@ -163,23 +163,23 @@ def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterat
 def schedule_in_turn(
     first: Proposer, quick: Sequence[Proposer], others: Sequence[Proposer], progress: PlanProgress
 ) -> Iterator[Proposer]:
-    """Yield proposers from a queue until all have ended, the quick ones more often.
+    """Yield proposers from a queue until all have ended, with more turns for quick proposers.
 
-    The proposers form a queue. Its head has a turn and is then put back:
+    The first proposer of the queue has a turn and is then put back:
 
-    - A proposer that is not quick goes to the end.
-    - A quick one goes to the head while there is no motion, so it has turn after turn.
-    - A quick one goes behind the next proposer after the first motion.
+    - A proposer that is not quick goes to the end of the queue.
+    - Before the first motion, a quick proposer goes to the head, so it has turn after turn.
+    - After the first motion, a quick proposer goes behind the next proposer.
 
-    After the first motion, a single quick proposer thus has every second turn. Several quick ones
+    So a single quick proposer has every second turn after the first motion. Several quick proposers
     share all turns until only one of them is left.
 
     Args:
         first: Proposer at the head of the queue at first. It is not quick.
         quick: Quick proposers, behind `first`.
         others: All other proposers, behind the quick ones.
-        progress: State of the planning loop; `has_motion` is read when a turn is given. The quick
-            proposer that gives the first motion therefore has one more turn.
+        progress: State of the planning loop. `has_motion` is read before each turn, so the quick
+            proposer that gives the first motion has one more turn.
 
     Yields:
         The proposer whose turn it is.

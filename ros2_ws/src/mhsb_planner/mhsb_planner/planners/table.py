@@ -1,4 +1,4 @@
-"""Table planner: takes the postures of the posture table, as in the paper (S2)."""
+"""Table planner, which takes the postures of the posture table, as in the paper (S2)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TablePlanner(PathPlanner):
     ) -> Iterator[PathProposal]:
         """Yield paths in the graph of the posture table, by the exact or the published search.
 
-        `options.search` chooses the search. The published one (the paper's) keeps one label per
+        `options.search` chooses the search. The published search (the paper's) keeps one label per
         node, and may miss the cheapest path.
 
         Args:
@@ -53,24 +53,24 @@ class TablePlanner(PathPlanner):
 def yield_graph_paths(
     graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[DiscretePath]:
-    """Yield the first path found in a step graph to the goal or its region, then the cheapest.
+    """Yield the first path found in a step graph to the goal or its region, then the cheapest path.
 
     The search runs once for the goal and, if there is a goal region, once for each sampled position
-    of the region. The first path found is yielded at once. The cheapest one is yielded at the end,
+    of the region. The first path found is yielded at once. The cheapest path is yielded at the end,
     unless it is the first. If the departure (posture at rest where the path begins) is in the
     region, the only path has no steps.
 
     Args:
         graph: Step graph (steps between postures).
         task: The request.
-        progress: State of the planning loop. Only its `search_deadline` is read; after it no
-            further position is tried.
+        progress: State of the planning loop. Only its `search_deadline` is read; after this
+            deadline, no further position is tried.
 
     Yields:
         One or two paths.
 
     Raises:
-        MhsbError: There is no path to any position. The error is that of the search to the goal.
+        MhsbError: There is no path to any position; the error of the search to the goal is raised.
     """
     region = task.options.goal_region
     if region is not None and task.begins_at_goal(graph.machine):  # the search sees a goal alone
@@ -99,7 +99,7 @@ def yield_graph_paths(
 def _search_path_to(
     tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> DiscretePath:
-    """Search a path to one tip position in a step graph, exact or published as options say.
+    """Search a path to one tip position in a step graph, by the search that the options name.
 
     Args:
         tip: Tip position (x, z) [m].
@@ -108,8 +108,8 @@ def _search_path_to(
         progress: State of the planning loop. Only its `search_deadline` is read.
 
     Returns:
-        Path from the departure (posture at rest where the path begins). It is the cheapest one if
-        `options.search` is `exact`.
+        Path from the departure (posture at rest where the path begins). If `options.search` is
+        `exact`, it is the cheapest path.
 
     Raises:
         MhsbError: There is no path, or the deadline passed before one was found.

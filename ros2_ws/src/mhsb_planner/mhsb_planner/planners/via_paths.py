@@ -22,10 +22,10 @@ def paths_through_via_points(
 
     The departure is the posture at rest where the path begins. A leg leads to the next via point,
     the last leg to the goal. Each leg is planned without regard to the next. There are two rounds.
-    In the first round, each leg to a via point is the first path that the source finds, in the
-    second round the cheapest. Each path that the source finds for the last leg is joined to these
-    legs. Each whole path is yielded twice: without and with rests at the via points. Without rests,
-    the tip may miss the points, because ramps cut the corners.
+    In the first round, each leg to a via point is the first path that the source finds, and in the
+    second round the cheapest path. Each path that the source finds for the last leg is joined to
+    these legs. Each whole path is yielded twice: without and with rests at the via points. Without
+    rests, the tip may miss the via points, because ramps cut the corners.
 
     Args:
         source: Source of the paths of each leg.
@@ -36,7 +36,7 @@ def paths_through_via_points(
         Path proposals.
 
     Raises:
-        MhsbError: The source has found no path for a leg and raises this error.
+        MhsbError: The source found no path for a leg; its error is raised.
     """
     if not task.options.via:
         yield from source.paths(task, progress)
@@ -73,7 +73,7 @@ def plan_leg(
         Path from the departure (posture at rest where the path begins) to the via point.
 
     Raises:
-        MhsbError: The source has found no path and raises this error.
+        MhsbError: The source found no path; its error is raised.
         DeadlineError: The source gave no path before the deadline of the search.
         ValueError: The source proposed nothing and raised nothing, which is a fault of the planner.
     """
@@ -88,12 +88,12 @@ def plan_leg(
 def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
     """Join successive paths to one path.
 
-    Costs, holding switches and search statistics are summed up, but `out_of_time` becomes False.
-    The start modes are those of the first path.
+    Costs, holding switches and search statistics are added, but `out_of_time` becomes False. The
+    start modes are those of the first path.
 
     Args:
-        legs: The paths in order. Each begins in the posture and in the modes in which the one
-            before ends.
+        legs: The paths in order. Each begins in the posture and the modes in which the previous
+            path ends.
 
     Returns:
         One path.
@@ -103,8 +103,8 @@ def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
     def concatenate_nodes(name: str) -> np.ndarray:
         """Concatenate one field of all paths in `legs` that has a row for each node.
 
-        The first node of every path but the first is dropped: it repeats the last node of the path
-        before.
+        Except for the first path, the first node of a path is dropped, because it repeats the last
+        node of the previous path.
 
         Args:
             name: Field of `DiscretePath`.

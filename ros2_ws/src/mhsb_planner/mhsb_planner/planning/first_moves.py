@@ -3,7 +3,7 @@
 Planners look for paths within the joint limits and clear of obstacles. From any other start, a
 first move leads to a nearby admissible posture, and the planner's path begins there. On the first
 move, a joint beyond its limits only moves back towards them. The arm gets no deeper into an
-obstacle than it is at the start. Both rules are checked on the trajectory, too
+obstacle than it is at the start. Both rules are also checked on the trajectory
 (`motion.limits.joint_range.compute_outward_excess`, `motion.s3_clearance`).
 """
 
@@ -35,8 +35,8 @@ from mhsb_planner.search.goal_clearance import describe_start_contact
 from mhsb_planner.slewing.turned_path import combine_with_slew, compute_even_turning
 
 START_NOISE = 0.01
-"""Largest distance of a start beyond a joint limit that counts as measurement noise [rad or m]. The
-planner treats such a start as if it were within the limits.
+"""Largest distance of a start beyond a joint limit that counts as measurement noise [rad or m].
+Such a start is treated as if it were within the limits.
 """
 
 TRIED_POSTURES = 8
@@ -47,15 +47,15 @@ ARM_LOOKS = 16
 
 CLIMB_STRIDE, CLIMB_HALVINGS = 0.08, 4
 """Largest change of a joint in one step out of an obstacle [rad], and number of step sizes tried
-[-]. Each step size is half of the one before. For a telescope range/π stands for 1 rad.
+[-]. Each step size is half of the one before. For a telescope, range/π stands for 1 rad.
 """
 
 CLIMB_STEPS = 60
-"""Number of steps after which climbing out is given up; a joint has then turned by 5 rad."""
+"""Number of steps after which climbing out is given up; they can turn a joint by 5 rad."""
 
 SLOPE_STEP = 1e-4
-"""Change of a joint by which the gradient of the clearance is computed [rad; for a telescope
-range/π stands for 1 rad].
+"""Change of a joint by which the gradient of the clearance is computed [rad]. For a telescope,
+range/π stands for 1 rad.
 """
 
 FIRST_MOVE = "after a first move"
@@ -63,7 +63,7 @@ FIRST_MOVE = "after a first move"
 
 DIRECT_SHARE = 0.5
 """Share of the remaining time for a search directly from a start in an obstacle [-]. Most paths are
-found in it; the other time is for paths with a first move.
+found in this time; the rest is for paths with a first move.
 """
 
 
@@ -124,7 +124,8 @@ def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
     """Create a second state of the planning loop that has DIRECT_SHARE of the remaining time.
 
     Args:
-        progress: State of the planning loop. Without a deadline, the result has none either.
+        progress: State of the planning loop. If it has no deadline, the result has no deadline
+            either.
 
     Returns:
         The new state, with the same log. The caller must update its `has_motion`,
@@ -157,8 +158,8 @@ def _paths_over_first_moves(
     Raises:
         StartError: No first move is possible.
         DeadlineError: The time was up during a search.
-        MhsbError: No first move led to a motion, and a search failed; the error is that of the
-            first such search.
+        MhsbError: No first move led to a motion, and a search failed; the error of the first such
+            search is raised.
     """
     machine = source.machine
     refused: MhsbError | None = None
@@ -191,11 +192,11 @@ def _first_moves(
 ) -> Iterator[DiscretePath]:
     """Yield paths that lead from an inadmissible departure to a nearby posture, and end there.
 
-    Straight moves come first. One leads to the departure (posture at rest where the path begins)
-    clipped to the joint limits. The others lead to nearby postures of the table. At most
-    TRIED_POSTURES moves are planned, the one to the clipped departure included. A move is skipped
-    if the arm would get deeper into an obstacle on the way, or if no mode combination can do it.
-    The last first move leads out of the obstacles by steepest ascent of the clearance.
+    The departure is the posture at rest where the path begins. Straight moves come first: to the
+    departure clipped to the joint limits, then to nearby postures of the table. At most
+    TRIED_POSTURES of these moves are planned. A move is skipped if the arm would get deeper into an
+    obstacle on the way, or if no mode combination can do it. The last first move leads out of the
+    obstacles by steepest ascent of the clearance.
 
     Nothing is yielded if a linkage passes a dead centre on the straight move from the departure to
     the clipped departure.
@@ -225,20 +226,20 @@ def _first_moves(
 
 
 def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray | None:
-    """Find postures on a way out of obstacles along which the clearance rises.
+    """Find postures on a way out of obstacles along which the clearance increases.
 
     Each step follows the gradient of the clearance from the nearest obstacle, within the joint
-    limits. Of CLIMB_HALVINGS step sizes, the one that gives the greatest clearance is taken. The
-    way ends as soon as the arm keeps the margin of discrete paths. It is given up after CLIMB_STEPS
-    steps.
+    limits. Among CLIMB_HALVINGS step sizes, the one with the greatest clearance is taken. The way
+    ends as soon as the arm keeps the margin of discrete paths. The search is given up after
+    CLIMB_STEPS steps.
 
     Args:
         machine: The whole arm.
         start: Start posture, shape (n,) [rad or m].
 
     Returns:
-        Postures, shape (k, n) [rad or m], the start first. None if the start keeps the margin
-        already, there are no obstacles, or no such way is found.
+        Postures, shape (k, n) [rad or m], the start first. None if the start already keeps the
+        margin, there are no obstacles, or no way is found.
     """
     a, rows = machine.arrays, machine.obstacles.path_rows
     if len(rows) == 0:
@@ -262,7 +263,7 @@ def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray |
 
 
 def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> DiscretePath | None:
-    """Plan few straight moves along a way, from its first to its last posture.
+    """Connect the first and the last posture of a way by few straight moves.
 
     From each posture, the move leads to the farthest later posture to which a straight move is
     admissible. A move is admissible if the arm gets no deeper into obstacles and a mode combination
@@ -275,7 +276,7 @@ def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> D
 
     Returns:
         The path to the last posture. None if no admissible move leads on from a posture, or if the
-        way has one posture only.
+        way has only one posture.
     """
     moves, here, at = [], 0, task
     while here < len(way) - 1:
@@ -317,9 +318,9 @@ def _postures_nearby(
 ) -> Iterator[FloatArray]:
     """Yield postures within the joint limits, in ascending order of the time of a straight move.
 
-    If the given posture is beyond joint limits, the posture clipped to them comes before all
-    others. It may be in an obstacle. Then come the table's postures for mode N (main pump alone) of
-    all actuators, if they are clear of obstacles. If the arm slews, they get the clipped slew
+    If the given posture is beyond joint limits, the posture clipped to the limits comes first, even
+    if it is in an obstacle. Then come the table's postures for mode N (main pump alone) of all
+    actuators that are clear of obstacles. If the arm slews, these postures get the clipped slew
     angle. The time of a move is estimated for its slowest joint, from moment arm and V_max (allowed
     piston speed).
 
@@ -345,7 +346,7 @@ def _postures_nearby(
 
 
 def _is_clear(machine: Machine, postures: FloatArray) -> np.ndarray:
-    """Find the postures that keep the margin of discrete paths from all obstacles.
+    """Find the postures that keep clear of all obstacles by the margin of discrete paths.
 
     Args:
         machine: The whole arm.

@@ -1,4 +1,4 @@
-"""The planning loop: fits motions to proposed paths and keeps the cheapest.
+"""The planning loop, which fits motions to proposed paths and keeps the cheapest motion.
 
 A motion is a trajectory (made by S3) with a mode schedule (made by S4). It follows a discrete path,
 or it is a polynomial between the path's ends. The cheapest plan so far is the incumbent.
@@ -44,9 +44,9 @@ from mhsb_planner.search.manipulability_loss import compute_area_along_motion
 
 MIN_MOTION_COST_RATIO = 0.92
 """Smallest expected ratio of a motion's cost to its path's cost without mode switches [-]. A path
-is skipped if this ratio times its cost without mode switches exceeds the incumbent's cost. The
-smallest ratio in 3,254 motions on 165 random moves of five machines was 0.934. A smaller value fits
-more motions that cost more than the incumbent.
+is skipped if this ratio times the path's cost without mode switches exceeds the incumbent's cost.
+The smallest ratio in 3,254 motions on 165 random moves of five machines was 0.934. With a smaller
+value, more motions are fitted in vain.
 """
 
 NEAR_BEST_COST_FACTOR = 1.03
@@ -56,17 +56,18 @@ NEAR_BEST_COST_FACTOR = 1.03
 
 COMPARED_SHARE = 1.0 / 3.0
 """Share of the remaining time for fitting a motion to a baseline's path while there is no motion
-[-]. A longer fit means a long motion; the planner's own search will find a shorter path.
+[-]. If a fit takes longer, the motion is long, and the planner's own search will find a shorter
+path.
 """
 
 MIN_REPLACEMENT_GAIN = 0.02
-"""Least gain for which another motion replaces the remainder of the plan in force, as a share of
-its cost [-].
+"""Least saving for which another motion replaces the remainder of the plan in force, as a share of
+the remainder's cost [-].
 """
 
 MIN_PATH_COST_RATIO = 0.8
-"""If a path's cost is below this ratio times the incumbent's cost, no motion along the path has
-come near its cost [-]. Slower paths are then searched in any case.
+"""Ratio of a path's cost to the incumbent's cost below which no motion has come near the path's
+cost [-]. Slower paths are then always searched.
 """
 
 MIN_SLOWER_GAIN = 0.01
@@ -78,11 +79,11 @@ ALLOWED_DELAY_SHARE = 0.1
 
 
 class PostponedVariants(NamedTuple):
-    """First motion. Its variants (motions by other rules) are to be fitted after the next path.
+    """First motion whose variants (motions by other rules) are to be fitted after the next path.
 
     Attributes:
         proposal: Proposal of the first path.
-        motion: Motion along that path.
+        motion: Motion along the path.
         rules: Rules by which `motion` was fitted.
         cost: Cost of the plan with `motion` [-].
     """
@@ -126,8 +127,8 @@ class PlanningLoop:
         """Make the remainder of the plan in force the first incumbent (best plan so far).
 
         It must be called before `choose_best`. If the remainder breaks a limit or the deadline has
-        passed, there is no incumbent, and the reason is logged. The time since the request is
-        stored as the time of the first motion in any case.
+        passed, there is no incumbent, and the reason is logged. Even then, the time since the
+        request is stored as the time of the first motion.
 
         Args:
             remainder: Remainder of the plan in force, with stamp 0.
@@ -165,9 +166,10 @@ class PlanningLoop:
             statistics says whether the time ran out.
 
         Raises:
-            FitError: No path has a motion within the limits. The error is that of the first path.
+            FitError: No path has a motion within the limits; the error of the first path is raised.
             DeadlineError: The time was up before there was a motion.
-            Exception: A proposer has failed, and there is no motion; the error is the proposer's.
+            Exception: A proposer has failed, and there is no motion; the proposer's error is
+                raised.
             ValueError: The planner proposed nothing and raised nothing, which is a fault of the
                 planner.
         """
@@ -222,7 +224,7 @@ class PlanningLoop:
                 raise
 
     def _log_failure(self, error: Exception) -> None:
-        """Log an error that ended the planner after there was a motion.
+        """Log an error that ended the planner after a motion had been found.
 
         Args:
             error: The error. Its outcome is NO_PATH if the planner only found no further path.
@@ -244,18 +246,18 @@ class PlanningLoop:
         return self._cut_short or self._refused or ValueError(UNEXPLAINED_END)
 
     def _consider(self, proposal: PathProposal) -> None:
-        """Fit one motion to a path and, if it is promising, its variants; keep the best of all.
+        """Fit a motion to a path and, if it is promising, its variants; keep the best motion.
 
         1. The path is skipped if MIN_MOTION_COST_RATIO times its cost without mode switches exceeds
            the cost of the incumbent (best plan so far).
-        2. One motion is fitted: a polynomial or one that follows the path, as options, path or
-           planner ask for (`fit_rules`). If there is no incumbent and a polynomial is asked for, a
-           motion that follows the path is fitted first, because this is faster. The polynomial then
-           replaces that motion at any cost, unless the polynomial had to be slowed to keep the
-           limits.
-        3. If that motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent,
-           variants of it are fitted, such as one with faster ramps. With a deadline, the variants
-           of the first motion wait until the next path has its motion.
+        2. One motion is fitted: a polynomial, or a motion that follows the path, depending on
+           options, path and planner (`fit_rules`). If it is to be a polynomial and there is no
+           incumbent, a motion that follows the path is fitted first, because this is faster. The
+           polynomial then replaces this motion even if it costs more, unless the polynomial had to
+           be slowed to keep the limits.
+        3. If the motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent,
+           variants of the motion are fitted, such as one with faster ramps. With a deadline, the
+           variants of the first motion wait until the next path has its motion.
 
         After step 2, `progress.min_speed_factor` is set (`_estimate_min_speed_factor`).
 
@@ -293,8 +295,8 @@ class PlanningLoop:
         """Estimate the factor on V_max below which no slower motion will be cheaper.
 
         At f times its speed, the incumbent's path takes up to 1/f times as long and leaks up to 1/f
-        times as much. The slower motion saves at most the cost of boosts and mode switches. The
-        slower motion may be cheaper if
+        times as much. It saves at most the cost of boosts and mode switches. So the slower motion
+        may be cheaper if
 
             L (1/f − 1) < S,   that is   f > L/(L + S)
 
@@ -342,15 +344,15 @@ class PlanningLoop:
         """Fit the variants of a motion to its path, and keep each that beats the incumbent.
 
         The incumbent is the best plan so far. Variants are motions by other rules, such as faster
-        ramps (`list_variant_rules`). They come in groups. In a group, the trials end as soon as a
-        variant becomes the incumbent. Each motion has a list `refused`: the curves that its fit
-        refused, with reasons. If a variant becomes the incumbent, the list of `motion` is put in
-        front of the variant's list.
+        ramps (`list_variant_rules`). The variants come in groups; in a group, the trials end as
+        soon as a variant becomes the incumbent. The list `refused` of a motion has the curves that
+        its fit refused, with reasons. If a variant becomes the incumbent, its list begins with the
+        list of `motion`.
 
         Args:
             proposal: Proposal with the path.
             motion: Motion along the path.
-            rules: Rules by which it was fitted.
+            rules: Rules by which `motion` was fitted.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
@@ -375,7 +377,7 @@ class PlanningLoop:
 
         Returns:
             True if the rules ask for a polynomial, the options name no method, and the path has
-            steps. False in any case if one curve must lead from the moving start to the goal
+            steps. Always False if one curve must lead from the moving start to the goal
             (`_is_steering`).
         """
         free = self._task.options.trajectory is None and path.steps > 0
@@ -385,7 +387,7 @@ class PlanningLoop:
     def _is_steering(self) -> bool:
         """True if one curve must lead from the moving start to the goal.
 
-        `Planner` asks for it if the plan in force ends soon and near the goal.
+        `Planner` requests this if the plan in force ends soon and near the goal.
         """
         return isinstance(self._task.brake, Steering)
 
@@ -394,20 +396,20 @@ class PlanningLoop:
 
         The incumbent is the best plan so far. Better means cheaper, with stricter rules for goals
         with a period and for a plan in force (`_replaces`). Rules with `polynomial_only` ask for a
-        polynomial along the incumbent's path. That polynomial becomes the incumbent at any cost,
-        unless it had to be slowed to keep the limits. If it is refused, the incumbent's `refused`
-        gets the reasons.
+        polynomial along the incumbent's path. This polynomial becomes the incumbent even if it
+        costs more, unless it had to be slowed to keep the limits. If it is refused, the incumbent's
+        `refused` gets the reasons.
 
-        Times of the stages and the log are updated. The first motion sets `progress.has_motion`,
-        and `progress.reserve` [s], the time that is kept for fitting a motion to the last path
-        found.
+        The method also updates the log and the times of the stages. The first motion sets
+        `progress.has_motion` and `progress.reserve` [s], the time that is kept for fitting a motion
+        to the last path found.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            A motion whose variants (motions along its path by other rules) are worth a try, or
+            A motion whose variants (motions along its path by other rules) should be tried, or
             None:
 
             - The fitted motion, if it is now the incumbent or costs at most NEAR_BEST_COST_FACTOR
@@ -472,16 +474,16 @@ class PlanningLoop:
     def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path within the time allowed, and log the reason if there is none.
 
-        The fit may take all the remaining time. It may take only COMPARED_SHARE of it if there is
-        no motion yet and the path is for comparison.
+        The fit may take all the remaining time. If there is no motion yet and the path is for
+        comparison, it may take only COMPARED_SHARE of this time.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            The motion. None if no motion keeps the limits, or the share of the time is over;
-            `_refused` or `_cut_short` then has the error.
+            The motion. None if no motion keeps the limits (`_refused` then has the error), or if
+            the share of the time is over (`_cut_short` then has the error).
 
         Raises:
             DeadlineError: The deadline of the plan passed.

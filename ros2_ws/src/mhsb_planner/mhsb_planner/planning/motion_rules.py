@@ -22,7 +22,7 @@ from mhsb_planner.search.discrete_path import DiscretePath
 FASTER_RAMP_FACTORS = (0.72, 0.85)
 """Factors on the duration of the shortest ramps, for variants with faster ramps [-]. The second
 factor is tried if the first gives no cheaper motion. The shortest ramps use half of the admissible
-acceleration and jerk, because two ramps may coincide. Ramps that do not coincide may be faster.
+acceleration and jerk, because two ramps may coincide. Ramps that do not coincide can be faster.
 """
 
 LAST_RAMP_FACTOR = 0.72
@@ -31,30 +31,30 @@ ramp may be shorter than the others.
 """
 
 SLOWER_RAMP_FACTORS = (1.5, 2.2)
-"""Factors on the duration of the shortest ramps, for variants with slower ramps if inertia calls
-for boost [-]. The second factor is tried if the first gives no cheaper motion.
+"""Factors on the duration of the shortest ramps, for variants with slower ramps if inertia requires
+boost [-]. The second factor is tried if the first gives no cheaper motion.
 """
 
 VARIED_STRETCH = 1.2
-"""Largest factor by which a variant with other ramps may be stretched in time [-]; a longer one is
-seldom cheaper.
+"""Largest factor by which a variant with other ramps may be stretched in time [-]; a longer variant
+is seldom cheaper.
 """
 
 SHORT_MOTION_TIME_FACTOR = 1.5
-"""Shortest duration of a motion if goals follow each other, as a factor on their period [-]."""
+"""Shortest duration of a motion to a moving goal, as a factor on the goal's period [-]."""
 
 
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
     """Return the rules by which the first motion of a path is made.
 
-    A motion is a polynomial or follows the path. The options decide between the two, else
-    `of_path`, else the planner. A polynomial may exceed V_max (allowed piston speed) by
-    `options.max_speed_excess`, unless only `of_path` asks for it.
+    A motion is a polynomial or follows the path. The first of these that names a method decides:
+    the options, `of_path`, the planner. A polynomial may exceed V_max (allowed piston speed) by
+    `options.max_speed_excess`, unless only `of_path` asks for the polynomial.
 
     Args:
         options: Options of the plan.
-        of_path: Method for this path if the options name none; None means the method of the planner
-            that the options name.
+        of_path: Method for this path, unless the options name a method; None means the method of
+            the planner that the options name.
 
     Returns:
         The rules. Each via point is a tuple of the tip's coordinates and the tolerance [m]. The
@@ -92,14 +92,14 @@ def list_variant_rules(
 ) -> list[tuple[FitRules, ...]]:
     """List rules for variants of a motion: other motions along its path, which may be cheaper.
 
-    - For a motion with ramps, from rest: ramps shortened by FASTER_RAMP_FACTORS. If time has a
-      weight, also the last ramp alone by LAST_RAMP_FACTOR.
+    - For a motion with ramps, from rest: all ramps shortened by FASTER_RAMP_FACTORS and, if time
+      has a weight, only the last ramp shortened by LAST_RAMP_FACTOR.
     - For a polynomial that was slowed to keep V_max (allowed piston speed): following the path, if
       `may_follow` is True.
-    - For a followed path with more mode switches than planned: ramps lengthened by
-      SLOWER_RAMP_FACTORS, because inertia called for boost.
+    - For a followed path with more mode switches than planned (because inertia required boost):
+      ramps lengthened by SLOWER_RAMP_FACTORS.
 
-    Ramps are not varied if goals follow each other with a period.
+    Ramps are not varied for a moving goal (with a period).
 
     Args:
         path: The path. Only `switches` is read.
@@ -109,8 +109,8 @@ def list_variant_rules(
         may_follow: Whether the path may be followed instead of a polynomial.
 
     Returns:
-        Groups of rules for further fits. In a group, rules are alternatives in the order of trial:
-        once one has given a cheaper motion, the remaining ones need not be tried.
+        Groups of rules for further fits. The rules of a group are alternatives in the order of
+        trial: after one has given a cheaper motion, the rest need not be tried.
     """
     followed = following_rules(rules)
     varied = replace(followed, stepped=False, max_stretch=VARIED_STRETCH)

@@ -18,13 +18,13 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.goal_clearance import describe_start_contact
 
 NAMED_EXCESS = 1e-3
-"""Excess over a joint limit above which a message names the joint [rad or m]. It is more than the
-noise of a joint's sensor.
+"""Excess over a joint limit above which a message names the joint [rad or m], more than the noise
+of a joint's sensor.
 """
 
 NAMED_OVERLOAD_SHARE = 0.1
-"""A remark names the share of the table's nodes at which no posture holds the payload, from this
-share on [-].
+"""Share of the table's nodes at which no posture holds the payload from which on a remark names it
+[-].
 """
 
 
@@ -120,7 +120,7 @@ def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
 
 
 def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) -> str:
-    """Describe where the arm cannot hold its payload, as a possible reason for a missing path.
+    """Describe where the arm cannot hold its payload, which may be why there is no path.
 
     The start is checked first, then the posture table.
 
