@@ -1,8 +1,7 @@
 """Grid of tip positions: its nodes, their neighbours and the cells between them.
 
-Nodes are integer pairs (i, k) in units of the spacing. Rounding can therefore neither lose a node
-nor create one twice. For the paper's machine at 5 cm they are the pairs with i ≥ 0 and
-25 ≤ i² + k² ≤ 423: 642 nodes.
+Nodes are integer pairs (i, k) in units of the spacing, so rounding can neither lose nor duplicate a
+node. For the paper's machine at 5 cm, these are the 642 pairs with i ≥ 0 and 25 ≤ i² + k² ≤ 423.
 """
 
 from __future__ import annotations
@@ -18,7 +17,9 @@ from mhsb_planner.errors import RequestError
 NEIGHBOUR_OFFSETS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 """Offsets (Δi, Δk) from a node to its eight neighbours."""
 ON_LINE = 1e-6
-"""Distance from a grid line up to which a coordinate counts as on it, in units of the spacing."""
+"""Largest distance of a coordinate from a grid line at which it counts as on the line, in units of
+the spacing.
+"""
 
 
 def list_grid_nodes(machine: Machine, spacing: float) -> IntArray:

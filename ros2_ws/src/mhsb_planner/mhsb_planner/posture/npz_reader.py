@@ -2,7 +2,7 @@
 
 NumPy's own reader evaluates the header of an array as Python code and allocates as much memory as
 its shape demands. The reader of this module accepts only headers in the exact form that NumPy
-writes. It creates an array only if the file contains all of its bytes.
+writes, and creates an array only if the file contains all its bytes.
 
 Source: numpy.lib.format, versions 1.0 to 3.0.
 """
@@ -49,7 +49,8 @@ DAMAGED_FILE_ERRORS = (
 )
 """Exceptions that are raised if a file is damaged or not an npz file.
 
-OSError is not among them: it means that the file cannot be read."""
+OSError is not included, since it means that the file cannot be read.
+"""
 
 
 class ArchiveTooLargeError(Exception):

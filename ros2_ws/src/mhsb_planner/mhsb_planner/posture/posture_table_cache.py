@@ -50,8 +50,8 @@ def load_or_build_table(
     """Load the posture table of a machine, or build it.
 
     If `path` is given, the table is read from this file. Otherwise it is read from the user's
-    cache. If it is missing or damaged there, it is built and written to the cache. A damaged table
-    in the cache, and a cache that cannot be written, are logged but raise no error.
+    cache. If the cache has no valid table, the table is built and written to the cache. A damaged
+    table in the cache and a cache that cannot be written are only logged.
 
     Args:
         machine: The machine. The table belongs to the arm without a slewing joint.

@@ -5,10 +5,10 @@ follow from these and from the tip position: the two joints close the chain
 (`tip_postures.close_chain`). At a maximum, some joints may be at their limits. Therefore every pair
 of joints closes the chain in turn, and the other joints are sampled evenly, limits included.
 
-A local ascent of the area begins at the best samples. Samples near to each other count as one. It
-also begins at the best postures already found for other mode combinations. In each step of the
-ascent three joints move and the others rest. A joint that would pass its limit is put on the limit,
-and the ascent goes on along it.
+A local ascent of the area begins at the best samples, and at the best postures already found for
+other mode combinations. Samples near to each other count as one. In each step of the ascent, three
+joints move and the others rest. A joint that would pass its limit is put on the limit, and the
+ascent continues along the limit.
 
 `s1_judge` estimates the share of table entries whose maximum is missed, with SLSQP from many
 starts.
@@ -50,21 +50,24 @@ MAX_CLOSED_CHAINS = 1500
 """Largest number of samples at one tip position."""
 
 FIRST_PATTERN_STARTS, OTHER_PATTERN_STARTS = 3, 2
-"""Number of samples at which an ascent begins: for the first mode combination, and for each other.
+"""Number of samples at which an ascent begins, for the first mode combination and for each other
+one.
 
-The search for another combination also begins at the best posture already found."""
+For the other combinations, an ascent also begins at the best posture already found.
+"""
 
 MIN_START_DISTANCE = 0.35
-"""Joint difference up to which two samples count as one start [rad]."""
+"""Largest joint difference of two samples that count as one starting point [rad]."""
 
 ROUGH_STRIDES, NEAR_STRIDES, FINE_STRIDES = (0.1, 2e-3), (0.025, 2e-3), (2e-3, 1e-6)
 """First and last stride of an ascent [rad], for three kinds of starting points.
 
-The starting points are a sample, the posture of another mode combination, and the best posture
-found from these two kinds."""
+The kinds are a sample, the posture of another mode combination, and the best posture found from
+these two.
+"""
 
 SAME_AREA = 1e-9
-"""Relative gain in area up to which two areas count as equal [-]."""
+"""Largest relative difference of two areas that count as equal [-]."""
 
 
 @kernel
@@ -135,8 +138,8 @@ def _compute_area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaB
     """Compute the area of the velocity polytope in a posture for one mode combination.
 
     The polytope contains all velocities of the tip that the pistons' limits allow. If a load is too
-    heavy for the actuator's mode, the piston cannot move against it, but still with it. The
-    function is faster than `s1_polytope.compute_posture_area`, which gives the same area.
+    heavy for the actuator's mode, the piston can only move with the load. The function is faster
+    than `s1_polytope.compute_posture_area`, which gives the same area.
 
     Args:
         m: Arrays of the machine.
@@ -163,8 +166,8 @@ class _JointTriple(NamedTuple):
 
     Attributes:
         driver: Joint that moves by a given stride.
-        first: First of the two joints that compensate this motion at the tip.
-        second: Second of these two joints; its index is above `first`.
+        first: First of the two joints that keep the tip in place.
+        second: Second of the two joints that keep the tip in place; its index is above `first`.
     """
 
     driver: int
@@ -185,7 +188,7 @@ def _move_with_fixed_tip(
 
     The moving joint, the driver, stops at its limits. If one of the two other joints would pass its
     limit, it is put on this limit. The driver and the remaining joint then keep the tip in place,
-    and the driver no longer moves by the stride.
+    so that the driver does not move by the stride.
 
     Args:
         m: Arrays of the machine.
@@ -235,9 +238,9 @@ def _ascend_area(
 ) -> float:
     """Increase the velocity polytope's area by moving joints while the tip stays in place.
 
-    Each iteration tries all triples of joints in both directions. Of a triple, the joint that has
-    to move most is moved by the stride, and the other two keep the tip in place. The move with the
-    largest area is made. If no move increases the area, the stride is halved.
+    Each iteration tries all triples of joints in both directions. In each triple, the joint that
+    has to move most is moved by the stride, and the other two joints keep the tip in place. The
+    move that gives the largest area is made. If no move increases the area, the stride is halved.
 
     Args:
         m: Arrays of the machine.
@@ -364,7 +367,7 @@ def find_largest_polytopes_of_chain(
     begins at the best samples, and at the best postures of other combinations. The search may miss
     the largest area.
 
-    The unit tests compare the result with SLSQP from many starts.
+    Test oracle: SLSQP from many starts.
 
     Args:
         m: Arrays of the machine.

@@ -6,8 +6,8 @@ with sliding joints.
 If the tip is held, the arm has one degree of freedom left on each of two elbow branches: the
 end-link angle ψ. Most maxima lie at the ends of the feasible intervals of ψ, which are known in
 closed form. Between the ends the area is sampled, and local maxima that could be the largest are
-refined. Samples lie at ψ = middle − half·cos t for equally spaced t. They are dense near the ends.
-There, at the edge of the reach, joint angles vary as the square root of ψ.
+refined. Samples lie at ψ = middle − half·cos t for equally spaced t, so they are dense near the
+ends. At the ends, the edge of the reach, joint angles vary as the square root of ψ.
 """
 
 from __future__ import annotations
@@ -56,12 +56,14 @@ some ridges are only 5 mrad wide."""
 LEAST_SAMPLES = 8
 """Smallest number of steps between the samples of an interval."""
 REFINED_TO = 1e-7
-"""Width to which the search for a maximum narrows the parameter t of ψ [rad]."""
+"""Width of the parameter t of ψ at which the search for a maximum ends [rad]."""
 
 SAME_AREA = 1e-9
-"""Relative gain in area up to which two areas count as equal [-]. The earlier posture is then kept.
+"""Largest relative gain in area at which two areas count as equal, so that the earlier posture is
+kept [-].
 
-Interval ends come before inner samples, elbow −1 before +1, and smaller ψ before larger."""
+The order is: interval ends before inner samples, elbow −1 before +1, smaller ψ before larger.
+"""
 
 RISE_BETWEEN = 2.0
 """Largest rise of the area between samples, as a factor on the drop to the lower neighbour [-].
@@ -118,7 +120,7 @@ def _compute_area_inputs(
     cross: FloatArray,
     limit: FloatArray,
 ) -> bool:
-    """Compute a posture, and the two arrays from which the area of its velocity polytope follows.
+    """Compute a posture, and two arrays that give the area of its velocity polytope.
 
     Args:
         m: Arrays of the machine.
@@ -154,8 +156,8 @@ def _maximise_in_interval(
 ) -> float:
     """Maximise the velocity polytope's area over part of an interval of the end-link angle ψ.
 
-    It is a golden-section search over a parameter t, which is 0 at the lower end of the interval
-    and π at its upper end.
+    The method is a golden-section search over a parameter t, which is 0 at the lower end of the
+    interval and π at its upper end.
 
     Args:
         m: Arrays of the machine.
@@ -294,7 +296,7 @@ def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray)
 def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
     """Compute the drop of the area from a local maximum of the samples to its lower neighbour.
 
-    Of adjacent samples with equal area, only the last can be a local maximum.
+    Among adjacent samples of equal area, only the last can be a local maximum.
 
     Args:
         value: Area of each sample, shape (samples,) [m²/s²]; −1 if the sample is beyond joint
@@ -334,7 +336,7 @@ def find_largest_polytopes_3r(
     three turning joints, so its posture has one free coordinate, the end-link angle ψ. Samples of ψ
     are compared, and local maxima that could be the largest are refined.
 
-    The unit tests compare the result with a dense scan of ψ on both elbow branches.
+    Test oracle: a dense scan of ψ on both elbow branches.
 
     Args:
         m: Arrays of the machine.
@@ -389,9 +391,8 @@ def find_largest_polytopes(
 ) -> bool:
     """Find for each mode combination the posture with the largest velocity polytope.
 
-    The polytope contains all velocities of the tip that the pistons' limits allow. There is one
-    solver for arms of three turning joints, and one for all other arms. Only the second may miss
-    the largest area.
+    The polytope contains all velocities of the tip that the pistons' limits allow. Arms of three
+    turning joints have their own solver. The solver for all other arms may miss the largest area.
 
     Args:
         machine: The arm without a slewing joint.
@@ -416,7 +417,7 @@ def search_globally(
 ) -> None:
     """Find the postures with the largest velocity polytope at many tip positions.
 
-    It is the `NodeSolver` by which posture tables are built if no other one is given.
+    This is the default `NodeSolver` of posture tables.
 
     Args:
         machine: The arm without a slewing joint.
@@ -424,7 +425,7 @@ def search_globally(
         posture: Posture for each position and mode combination, written in place, shape (nodes,
             patterns, n) [rad or m]; NaN if no posture is within joint limits.
         area: Area of the velocity polytope, written in place, shape (nodes, patterns) [m²/s²]; NaN
-            in the same entries.
+            if no posture is within joint limits.
     """
     for i, (x, z) in enumerate(position.tolist()):
         find_largest_polytopes(machine, x, z, machine.patterns, posture[i], area[i])
@@ -537,7 +538,7 @@ def _solve_nodes(
 ) -> tuple[FloatArray, FloatArray]:
     """Find the postures with the largest velocity polytope at a range of nodes.
 
-    It is the task that one worker executes.
+    One worker executes this function as a task.
 
     Args:
         solver: Function that finds the postures.
@@ -559,7 +560,7 @@ def _solve_nodes(
 def warm_up(machine: Machine) -> None:
     """Compile the kernels that find postures with the largest velocity polytope.
 
-    They are called with no mode combination, so that the call is quick.
+    The kernels are called without mode combinations, so that the call is quick.
 
     Args:
         machine: Machine whose chain of joints decides which kernels are compiled.

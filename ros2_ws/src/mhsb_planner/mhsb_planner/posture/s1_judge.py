@@ -1,10 +1,10 @@
-"""Quality of a posture table: random entries are compared with SLSQP, the solver of the paper.
+"""Quality of a posture table, from a comparison of random entries with SLSQP, the paper's solver.
 
 SLSQP runs from many random starts. An entry is short if its polytope area is smaller than the area
-that SLSQP finds, by more than MAX_AREA_SHORTFALL. If k of N random entries are short, the share of
-short entries in the whole table is at most p with CONFIDENCE_LEVEL. p solves P(at most k of N are
-short) = 1 − CONFIDENCE_LEVEL. So p is a quantile of the beta distribution; for k = 0, p = 1 − (1 −
-CONFIDENCE_LEVEL)^(1/N).
+that SLSQP finds, by more than MAX_AREA_SHORTFALL. If k of N random entries are short, p is an upper
+bound on the share of short entries in the whole table, with CONFIDENCE_LEVEL. p solves P(at most k
+of N are short) = 1 − CONFIDENCE_LEVEL. So p is a quantile of the beta distribution; for k = 0, p =
+1 − (1 − CONFIDENCE_LEVEL)^(1/N).
 
 Source: C. J. Clopper, E. S. Pearson, The Use of Confidence or Fiducial Limits, 1934.
 """
@@ -24,9 +24,10 @@ from mhsb_planner.posture.s1_slsqp import find_largest_polytope_by_slsqp
 SLSQP_STARTS = 30
 """Number of random starts of SLSQP for each entry."""
 MAX_AREA_SHORTFALL = 1e-3
-"""Relative difference by which an entry's area may be smaller than SLSQP's [-].
+"""Largest relative difference by which an entry's area may be smaller than SLSQP's [-].
 
-If it is smaller still, the entry counts as short."""
+An entry with a larger difference counts as short.
+"""
 
 CONFIDENCE_LEVEL = 0.95
 """Confidence of the upper bound on the share of short entries."""
@@ -52,7 +53,7 @@ class TableComparison:
         """Upper bound on the share of short entries in the whole table, with CONFIDENCE_LEVEL.
 
         An entry is short if its area is smaller than SLSQP's by more than MAX_AREA_SHORTFALL. The
-        bound is the one of Clopper and Pearson. It is 1 if all compared entries are short.
+        bound is that of Clopper and Pearson; it is 1 if all compared entries are short.
         """
         if self.short_entries == self.entries:
             return 1.0

@@ -10,13 +10,14 @@ pump's flow, and q_leak the leakage of each of n valves. The tip velocity is Σ_
 C_j = J_j / r_j: column of the tip's Jacobian over moment arm. The polytope is the set of the tip
 velocities of all admissible piston speeds.
 
-The valve limits of a boosted joint are those at the highest boost pressure. As in the paper, all
-valves leak as at the main pump's pressure, since areas only compare postures. The graph search (S2)
-and the trajectory (S3) check the real demand on the main pump, with the leakage of boosted valves.
+The valve limits of a boosted joint are those at the highest boost pressure. As in the paper, the
+leakage of all valves is taken at the main pump's pressure, since areas only compare postures. The
+graph search (S2) and the trajectory (S3) check the real demand on the main pump, with the leakage
+of boosted valves.
 
-If the load exceeds even the highest boost pressure, the joint can move in one direction only. The
-polytope is still defined. As in the paper, such a posture is not excluded here. The search excludes
-its steps against the load.
+If even the highest boost pressure cannot hold the load, the joint can move in one direction only.
+As in the paper, such a posture is not excluded here, since the polytope is still defined. The
+search excludes its steps against the load.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ from mhsb_model.types import FloatArray, ModeArray, frozen
 COLUMN_PERTURBATION = 1e-12
 """Size of the numbers that are added to the tip velocities per piston speed [-].
 
-They avoid two joints with exactly parallel tip velocities."""
+They ensure that no two joints have exactly parallel tip velocities.
+"""
 
 
 @kernel
@@ -117,8 +119,8 @@ def compute_tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
 def compute_cross_products(columns: FloatArray, cross: FloatArray) -> None:
     """Compute, for each pair of joints, the cross product of their tip velocities.
 
-    A small vector, different for each joint, is first added to each tip velocity. Parallel tip
-    velocities then have products other than 0. The result is exactly antisymmetric.
+    A small vector, different for each joint, is first added to each tip velocity, so that parallel
+    tip velocities have products other than 0. The result is exactly antisymmetric.
 
     Args:
         columns: Tip velocity per piston speed C_j of each joint, shape (2, n) [-]. Not changed.
@@ -147,8 +149,8 @@ def compute_area_from_limits(
     """Compute the area of the velocity polytope for any number of joints.
 
     The polytope contains all tip velocities Σ_j C_j v_j that the pistons' limits allow. C_j is the
-    tip velocity per speed v_j of piston j. For each direction d, the farthest boundary point is
-    found by giving the flow to the joints in descending order of w_j = scale_j d·C_j.
+    tip velocity per speed v_j of piston j. For each direction d, the farthest point of the polytope
+    is found by giving the flow to the joints in descending order of w_j = scale_j d·C_j.
 
     As d turns, this order changes at some directions. Each change gives an edge of the polytope:
     one joint reverses (w_j = 0), or two joints exchange flow (w_i = w_j > 0). The area is a sum
@@ -156,7 +158,7 @@ def compute_area_from_limits(
 
         ½ Σ |p × e|
 
-    The unit tests compare the result with half-space intersection and convex hull.
+    Test oracle: half-space intersection and convex hull.
 
     Args:
         cross: Cross products C_i × C_j, shape (n, n) [-].
@@ -165,7 +167,7 @@ def compute_area_from_limits(
         limit: Largest inlet flow by joint, mode and direction (0 extends, 1 retracts), shape (n,
             modes, 2) [m³/s].
         pattern: Mode code of every joint, shape (n,).
-        flow: Flow that the main pump gives all joints together, also the boosted ones [m³/s].
+        flow: Flow that the main pump gives all joints together, boosted joints included [m³/s].
 
     Returns:
         Area [m²/s²].
@@ -254,8 +256,8 @@ def compute_flow_scale(m: MachineArrays) -> FloatArray:
         m: Arrays of the machine.
 
     Returns:
-        1/A extending and −1/a retracting, shape (n, 2) [1/m²]. A is the cap-side piston area, a the
-        rod-side one.
+        1/A extending and −1/a retracting, shape (n, 2) [1/m²]. A is the piston area on the cap
+        side, a on the rod side.
     """
     n = len(m.cap_area)
     scale = np.empty((n, 2))
@@ -269,7 +271,7 @@ def compute_flow_scale(m: MachineArrays) -> FloatArray:
 def get_shared_flow(m: MachineArrays) -> float:
     """Return the flow that the main pump gives all cylinders together [m³/s].
 
-    It is the main pump's largest flow minus the leakage of n valves.
+    This is the main pump's largest flow minus the leakage of n valves.
     """
     return m.main_pump_flow - len(m.cap_area) * m.leakage_flow
 
@@ -278,8 +280,7 @@ def get_shared_flow(m: MachineArrays) -> float:
 def compute_posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
     """Compute the area of the velocity polytope in a posture for one mode combination.
 
-    The polytope contains all velocities of the tip that the pistons' limits allow. It is the kernel
-    of `compute_polytope_area`.
+    The polytope contains all velocities of the tip that the pistons' limits allow.
 
     Args:
         m: Arrays of the machine.
@@ -365,8 +366,9 @@ def compute_all_polytope_areas(
 def list_piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
     """List the corners of the set of admissible piston speeds in a posture.
 
-    The set is bounded by the flow limit of each joint and by the main pump's flow. Each corner has
-    a direction of every joint (2ⁿ choices) and an order in which the joints get flow (n! choices).
+    The set is bounded by the flow limit of each joint and by the main pump's flow. A corner is
+    given by the direction of every joint (2ⁿ choices) and the order in which the joints get flow
+    (n! choices).
 
     Args:
         machine: The arm without a slewing joint.
@@ -398,7 +400,7 @@ def compute_polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArra
     """Return the vertices of the velocity polytope in a posture, counter-clockwise.
 
     The polytope contains all velocities of the tip that the pistons' limits allow. It is the convex
-    hull of the tip velocities at the corners of the set of admissible piston speeds.
+    hull of the tip velocities that belong to the corners of the set of admissible piston speeds.
 
     Args:
         machine: The arm without a slewing joint.
@@ -419,8 +421,8 @@ def _convex_hull(points: FloatArray) -> FloatArray:
         points: Points, shape (k, 2).
 
     Returns:
-        Vertices, counter-clockwise, shape (vertices, 2). Points on an edge between two vertices are
-        not among them.
+        Vertices, counter-clockwise, shape (vertices, 2), without points on an edge between two
+        vertices.
     """
     ordered = sorted({(float(x), float(y)) for x, y in points})
 
@@ -444,6 +446,6 @@ def _convex_hull(points: FloatArray) -> FloatArray:
 
 
 def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    """Return whether the way from point a through b to c turns left, by more than rounding."""
+    """Return whether the way from point a over b to c turns left by more than rounding."""
     cross = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return cross > 1e-12 * math.dist(a, b) * math.dist(a, c)

@@ -1,8 +1,8 @@
-"""Posture table: the posture to take at every grid node in every mode combination.
+"""Posture table: the best posture for every grid node and mode combination.
 
-It is stored as one npz file with the arrays and a JSON header. The header contains the schema
-version, the machine's name and hash, and the grid spacing. A file is written under a temporary name
-and then renamed, so that it is always complete.
+The table is stored as one npz file with the arrays and a JSON header. The header contains the
+schema version, the machine's name and hash, and the grid spacing. A file is written under a
+temporary name and then renamed, so that it is always complete.
 """
 
 from __future__ import annotations
@@ -41,9 +41,10 @@ LARGEST_TABLE = 2**30
 """Largest accepted unpacked size of a file [B]. The table of the paper's machine has 0.5 MB."""
 
 LONGEST_SHOWN = 80
-"""Number of characters of a value in the header that are kept and shown in messages.
+"""Largest number of characters of a header value that are kept and shown in messages.
 
-A hash has 64."""
+A hash has 64.
+"""
 
 SMALLEST_SPACING = 1e-4
 """Smallest accepted grid spacing of a file [m]; machine files have at least 5 mm."""
@@ -85,7 +86,7 @@ class PostureTable:
 
     @property
     def feasible(self) -> np.ndarray:
-        """Mask of the nodes that have a posture within limits, bool, shape (nodes,)."""
+        """Whether each node has a posture within limits, bool, shape (nodes,)."""
         return np.isfinite(self.area[:, 0])
 
     @property
@@ -113,7 +114,7 @@ class PostureTable:
         Missing directories are created. The file is written under a temporary name and renamed.
 
         Args:
-            path: The npz file; an existing one is replaced.
+            path: The npz file; an existing file is replaced.
 
         Raises:
             TableError: The file cannot be written.
@@ -148,7 +149,8 @@ class PostureTable:
 
         Args:
             path: The npz file.
-            machine: The machine. The table must have been made for it without its slewing joint.
+            machine: The machine. The table must have been made for this machine without its slewing
+                joint.
             spacing: Grid spacing that the table must have [m]; None means any.
 
         Returns:

@@ -1,12 +1,12 @@
 """Feasible intervals of the end-link angle ψ at a tip position, for three turning joints.
 
 The tip is held and ψ varies. A posture then becomes infeasible only if the wrist (last joint)
-gets to the edge of its reach, or a joint gets to a limit. Each of these events fixes one side of a
-triangle, and the law of cosines gives ψ. Between two such angles, the postures of an elbow branch
-are either all feasible or all infeasible.
+reaches the edge of its range, or a joint reaches a limit. Each of these events fixes one side of a
+triangle, from which the law of cosines gives ψ. Between two such angles, the postures of an elbow
+branch are either all feasible or all infeasible.
 
-For a longer chain the module describes its last three joints. Tip and ψ are then given in their
-frame (`tip_postures.transform_tip_to_outer_frame`).
+For a longer chain, the module describes the last three joints. Tip and ψ are then given in the
+frame of these joints (`tip_postures.transform_tip_to_outer_frame`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ q₃."""
 MAX_INTERVALS = 2 * (MAX_CRITICAL + 1)
 """Largest number of feasible intervals on both elbow branches."""
 COSINE_TOLERANCE = 1e-12
-"""Excess of a cosine beyond ±1 that counts as rounding of a degenerate triangle [-]."""
+"""Excess of a cosine beyond ±1 that counts as rounding, as in a degenerate triangle [-]."""
 
 
 @kernel(borrows=True)
@@ -82,7 +82,7 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
 
     The tip position is given in the frame of these joints, named shoulder, elbow and wrist. Their
     links are L₁, L₂ and L₃ long. The tip lies at the distance R from the shoulder, in the direction
-    φ. A posture becomes infeasible if the wrist gets to the edge of its range, or a joint to a
+    φ. A posture becomes infeasible if the wrist reaches the edge of its range, or a joint reaches a
     limit. The triangles in brackets give ψ for each case:
 
     - Reach and limits of q₂ (shoulder, wrist at distance D, tip):
@@ -176,10 +176,10 @@ def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatAr
     """Find the intervals of the end-link angle ψ with feasible postures at a tip position.
 
     A posture is feasible if it exists and the last three joints are within their limits. The tip is
-    given in the frame of these joints. An interval can be a single point. It can end at the angle
-    at which the next interval begins.
+    given in the frame of these joints. An interval can be a single point. Its end can be the
+    beginning of the next interval.
 
-    The unit tests compare the result with a fine scan of ψ.
+    Test oracle: a fine scan of ψ.
 
     Args:
         m: Arrays of the machine.

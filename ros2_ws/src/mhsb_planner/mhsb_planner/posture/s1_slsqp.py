@@ -2,10 +2,10 @@
 
     maximise area(q)  subject to  tip(q) = node,  q_min ≤ q ≤ q_max
 
-SciPy's SLSQP runs from random starts and computes areas as the global search does. It meets the
-tip position only within a tolerance, and would gain area from this. Each result is therefore moved
-to the exact tip position and into the joint limits before its area is computed. The method often
-misses the largest polytope. It serves for comparison only.
+SciPy's SLSQP runs from random starts. It meets the tip position only within a tolerance, from which
+it would gain area. So each result is moved to the exact tip position and into the joint limits
+before its area is computed. The method often misses the largest polytope, and is only used for
+comparison.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from mhsb_planner.posture.s1_psi_intervals_3r import (
 DEFAULT_STARTS = 5
 """Number of random starts for each entry of a table."""
 DEFAULT_SEED = 0
-"""Seed for the first mode combination of a table; for each further combination it grows by 1."""
+"""Seed for the first mode combination of a table; the seed of each further combination is larger by
+1.
+"""
 FULL_TURN = 2.0 * math.pi
 """One turn [rad]."""
 
@@ -38,8 +40,8 @@ def search_by_slsqp(
 ) -> None:
     """Search for the postures with the largest velocity polytope at many tip positions, by SLSQP.
 
-    The function is a `NodeSolver` of posture tables. It serves for comparison with the global
-    search and may miss the largest polytope.
+    The function is a `NodeSolver` of posture tables. It is used for comparison with the global
+    search, and may miss the largest polytope.
 
     Args:
         machine: The arm without a slewing joint.
@@ -79,12 +81,12 @@ def find_largest_polytope_by_slsqp(
         x: Tip position forward [m].
         z: Tip position upward [m].
         pattern: Mode combination (one mode for each actuator), shape (n,).
-        seed: Seed of the random starts. They depend on the tip position, too.
+        seed: Seed of the random starts, which also depend on the tip position.
         starts: Number of starts.
 
     Returns:
         Best posture, shape (n,) [rad or m], and its area [m²/s²]. None if no posture is within
-        limits, or no start leads to one.
+        limits, or if no start leads to such a posture.
     """
     if machine.is_3r:
         interval = np.empty((MAX_INTERVALS, 3))
