@@ -95,7 +95,8 @@ class CommandResult:
 
     Attributes:
         exit_code: Exit code of the process.
-        trouble: Sentence on why the verdict or the execution report is missing; empty if none is.
+        trouble: Sentence on why the verdict or the execution report is missing; empty if neither is
+            missing.
         verdict: The planner's verdict on the goal; None if it is missing.
         execution: The execution report; None if it is missing or was not waited for.
     """
@@ -148,11 +149,11 @@ def _send_and_wait(
     timeout: float,
     say: Callable[[str], None],
 ) -> CommandResult:
-    """Set the planner's parameters, send the goal, and wait for its verdict and its end.
+    """Set the planner's parameters, send the goal, and wait for its verdict and its report.
 
     The steps are: find a planner, set the parameters, get the verdict, and wait for the end of the
-    motion. If the planner refuses parameters, the goal is not sent. Each step takes at most
-    `timeout`. For the last step the planned duration is added.
+    motion. If the planner refuses parameters, the goal is not sent. Each step may take `timeout`;
+    the last step may also take the planned duration.
 
     Args:
         sender: Node that sends the goal.
@@ -164,8 +165,8 @@ def _send_and_wait(
         say: Function that prints verdict and execution report as soon as they come.
 
     Returns:
-        Exit code, verdict and execution report. If one of the two is missing although it was waited
-        for, `trouble` states the reason.
+        Exit code, verdict and execution report. If an awaited verdict or report is missing,
+        `trouble` states the reason.
     """
     if not sender.wait_for_planner(executor, timeout):
         return CommandResult(
@@ -211,7 +212,7 @@ def _send_and_wait(
 def _request_verdict(
     sender: GoalSender, executor: SingleThreadedExecutor, place: Position, timeout: float
 ) -> GoalVerdict | None:
-    """Send a goal and wait for its verdict; send it again as long as the verdict is NO_STATE.
+    """Send a goal and wait for its verdict; send the goal again as long as the verdict is NO_STATE.
 
     NO_STATE means that the planner does not know where the arm is. The arm may start later than the
     planner. One line on standard error announces the repetition.
@@ -254,9 +255,9 @@ def _format_verdict(verdict: GoalVerdict) -> list[str]:
         verdict: The verdict.
 
     Returns:
-        One line with code and sentence. If a plan was published, a second line follows. It has
-        duration [s], energy in both energy readings and its lower bound [J], number of mode
-        switches, and planning time [ms].
+        One line with code and sentence. If a plan was published, a second line has duration [s],
+        energy in both energy readings and its lower bound [J], number of mode switches, and
+        planning time [ms].
     """
     lines = [f"{verdict.code.value}: {verdict.sentence}"]
     plan = verdict.plan

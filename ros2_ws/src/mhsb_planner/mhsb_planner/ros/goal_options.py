@@ -1,8 +1,8 @@
 """Options of one goal: values of the planner node's parameters for this goal alone.
 
-An option has the form NAME:=VALUE. Options come from anyone who may send goals. Their number and
-length are therefore checked before they are parsed, and each value is checked before ROS converts
-it to a parameter.
+An option has the form NAME:=VALUE. Options come from anyone who may send goals. So their number and
+length are checked before they are parsed, and each value is checked before ROS converts it to a
+parameter.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ MOST_OPTIONS = 100
 LONGEST_OPTION = 4096
 """Largest length of an option in characters.
 
-A hundred points of goal_via with all digits are shorter."""
+An option `goal_via` with a hundred points in full precision is shorter.
+"""
 
 LONGEST_SHOWN = 80
 """Largest number of characters of an option that are shown in the sentence of a refusal."""
@@ -167,6 +168,6 @@ def _check_range(node: Node, name: str, value: float) -> float:
 
 
 def _shorten(text: str) -> str:
-    """Return a text without spaces around it, shortened to `LONGEST_SHOWN` characters and `…`."""
+    """Strip a text, and replace all after `LONGEST_SHOWN` characters by ` …`."""
     text = text.strip()
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} …"

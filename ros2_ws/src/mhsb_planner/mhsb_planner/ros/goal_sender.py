@@ -25,15 +25,15 @@ from mhsb_msgs_py.node_process import spin_until
 SEND_AGAIN_AFTER = 3.0
 """Time without an answer after which a goal is sent again [s].
 
-It is longer than the time for which a planner lets a goal wait. The first message may be lost if
-the planner is not connected yet.
+A planner lets a goal wait for a shorter time. The first message may be lost if the planner is not
+connected yet.
 """
 
 DISCOVERY_TIME = 0.5
 """Time to wait for other subscribers of goals after a planner is found [s].
 
-A planner is usually found after 0.1 s. On a busy machine a recorder is found later, and would not
-receive the goal.
+A planner is usually found after 0.1 s. On a busy computer, a recorder is found later and would miss
+the goal.
 """
 
 
@@ -70,8 +70,8 @@ class GoalSender(Node):
     def is_matched(self) -> bool:
         """True if a ready planner is found, and goals and verdicts have connections.
 
-        A ready planner is a node that both receives goals and publishes verdicts. A recorder only
-        receives goals. A planner that is not ready yet only publishes verdicts.
+        Only a ready planner both receives goals and publishes verdicts. A recorder only receives
+        goals, and a planner that is not ready yet only publishes verdicts.
         """
         planners = self.get_publishers_info_by_topic(self._status.topic_name)
         receivers = self.get_subscriptions_info_by_topic(self._goals.topic_name)
@@ -84,8 +84,8 @@ class GoalSender(Node):
     def wait_for_planner(self, executor: SingleThreadedExecutor, timeout: float) -> bool:
         """Wait until a planner is found and all subscribers of goals are connected.
 
-        Once a planner is found, other subscribers have `DISCOVERY_TIME` to be found. If no
-        connection to a subscriber is possible, waiting for it ends after `SEND_AGAIN_AFTER`.
+        After a planner is found, the method waits for `DISCOVERY_TIME`, so that other subscribers
+        are also found. If a subscriber cannot be connected, waiting ends after `SEND_AGAIN_AFTER`.
 
         Args:
             executor: Executor that serves this node.
@@ -153,7 +153,7 @@ class GoalSender(Node):
         Args:
             executor: Executor that serves this node.
             values: Values by parameter name.
-            timeout: Longest time to wait for the planner and its answer together [s].
+            timeout: Longest time to wait for the planner and its answer, in total [s].
 
         Returns:
             Sentence in which the planner says why it refused the parameters; None if they are set.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mhsb_model.trajectory import SECOND_NS
 
 MAX_TRANSPORT_TIME = 2.0
-"""Longest time from sending to the callback that a message may show [s].
+"""Longest accepted time from the sending of a message to its callback [s].
 
 A longer time means that the clocks of sender and receiver differ. The middleware sends a lost
 message again after a few tenths of a second.
@@ -17,11 +17,11 @@ def find_message_times(
 ) -> tuple[float, float]:
     """Find the times at which a message was sent and received, by the steady clock.
 
-    If the time of receipt is in the future, or the middleware does not give it, the message counts
-    as received at present. A time of receipt more than `MAX_TRANSPORT_TIME` ago counts as
-    `MAX_TRANSPORT_TIME` ago. The message counts as sent when it was received in three cases: the
-    middleware gives no time of sending, this time is more than `MAX_TRANSPORT_TIME` ago, or it is
-    later than the receipt.
+    If the middleware gives no time of receipt, or a time in the future, the message counts as
+    received now. A receipt more than `MAX_TRANSPORT_TIME` ago counts as `MAX_TRANSPORT_TIME` ago.
+    The time of receipt is also taken as the time of sending in three cases: the middleware gives no
+    time of sending, this time is more than `MAX_TRANSPORT_TIME` ago, or it is later than the
+    receipt.
 
     Args:
         info: rclpy's information on the message. `source_timestamp` and `received_timestamp` are
@@ -30,7 +30,8 @@ def find_message_times(
         system_ns: Present time by the system clock [ns].
 
     Returns:
-        Time of sending and time of receipt by the steady clock [s]. The first is not the later one.
+        Time of sending and time of receipt by the steady clock [s]. The message is never sent after
+        its receipt.
     """
     sent_ns, received_ns = info["source_timestamp"], info["received_timestamp"] or system_ns
     waited = min(max(0.0, (system_ns - received_ns) / SECOND_NS), MAX_TRANSPORT_TIME)

@@ -1,9 +1,9 @@
 """Action MoveTip: goals with feedback and cancellation.
 
-The goal lifecycle decides on goals of the action and on goals of the topic `goal_pose` alike. This
-module passes goals of the action to it, and its reports to the clients. A goal with `plan_only` is
-planned for but not executed. The interface package mhsb_interfaces must be compiled. If it is
-missing, the planner node logs this and serves the topics only.
+The goal lifecycle handles goals of the action in the same way as goals of the topic `goal_pose`.
+This module passes goals of the action to the lifecycle, and the lifecycle's reports to the clients.
+A goal with `plan_only` is planned for but not executed. The interface package mhsb_interfaces must
+be compiled. If it is missing, the planner node logs this and serves only the topics.
 """
 
 from __future__ import annotations
@@ -60,12 +60,13 @@ RESULT_KEPT = 60
 """Time for which results are kept, for clients that request them late [s]."""
 
 MOST_GOALS = 1000
-"""Largest number of goals without a result. Further goals are refused.
+"""Largest number of goals without a result; further goals are refused.
 
-The queues of the middleware are longer."""
+The queues of the middleware have more room.
+"""
 
 MOST_STRETCHED = 20.0
-"""Factor on the commit horizon above which a plan that is not executed is not tried again [-]."""
+"""Largest factor on the commit horizon for plans that will not be executed [-]."""
 
 
 class _Server(ActionServer):
@@ -93,9 +94,9 @@ class _ActionGoal:
 
     Attributes:
         handle: rclpy's handle of the goal.
-        on_finished: Called once with this object when the goal has ended.
+        on_finished: Function that is called once with this object when the goal has ended.
         success: True if the goal was reached or, with `plan_only`, planned for. False if it ended
-            otherwise, None before its end.
+            in another way; None before its end.
         pending_goal: The lifecycle's record of the goal; None if the goal will not be executed.
         progress: Elapsed share, time left and energy of the motion.
         result: Fields of the action's result that are known so far.
@@ -175,10 +176,11 @@ class MoveTipServer:
             decode_goal: Function that returns the goal of a pose message. It raises GoalError or
                 MessageError.
             lifecycle: State machine of the goals that will be executed.
-            outbox: Outbox with the planning worker. It is used for goals that are planned for but
-                not executed, also to encode their plans as messages.
+            outbox: Outbox with the planning worker. It plans for goals that will not be executed,
+                and encodes their plans as messages.
             make_settings: Function that returns the settings of plans from the node's parameters.
-                Its argument is a list of one goal's own parameters, which replace the node's.
+                Its argument is a list of one goal's own parameters, which replace the node's
+                parameters.
 
         Raises:
             Exception: The compiled interface does not fit rclpy's libraries; the type is rclpy's.
@@ -245,9 +247,9 @@ class MoveTipServer:
         """Decode a goal and its options, and begin to plan for it.
 
         A goal that will be executed is passed to the goal lifecycle (state machine of goals). A
-        goal whose request has `plan_only` is queued; such plans are made one after the other. A
-        goal is refused if its pose or its options cannot be used. The stamp 0 is replaced by the
-        system time.
+        goal with `plan_only` is queued; plans for such goals are made one after the other. A goal
+        is refused if its pose or its options cannot be used. The stamp 0 is replaced by the system
+        time.
 
         Args:
             job: The goal. Its `pending_goal` is written if it will be executed.
@@ -280,9 +282,9 @@ class MoveTipServer:
             changes: The goal's own parameters; may be empty.
 
         Returns:
-            The function. Without own parameters it returns its argument. With own parameters it
-            ignores its argument: it makes settings from the node's present parameters, in which the
-            goal's own parameters replace the node's.
+            The function. If the goal has no parameters of its own, it returns its argument.
+            Otherwise it ignores its argument, and makes settings from the node's present
+            parameters, replaced by the goal's own parameters.
         """
         return lambda settings: self._make_settings(changes) if changes else settings
 
@@ -302,9 +304,10 @@ class MoveTipServer:
     def _write_result(self, job: _ActionGoal, handle: Any) -> Any:
         """Set the final state of a goal in rclpy, and return its result.
 
-        The state is succeeded if `job.success` is True. Otherwise it is canceled if cancelling was
-        requested, and aborted if not. If the fields in `job.result` do not fit the message, a fault
-        is recorded and `job.success` becomes False. The result then has only the fault's sentence.
+        The state is succeeded if `job.success` is True. Otherwise it is canceled if the client has
+        requested this, and aborted if not. If the fields in `job.result` do not fit the message, a
+        fault is recorded and `job.success` becomes False. The result then only has the sentence of
+        the fault.
 
         Args:
             job: The goal, which has ended.
@@ -329,8 +332,8 @@ class MoveTipServer:
     def _on_cancel(self, handle: Any) -> CancelResponse:
         """Cancel a goal of the action.
 
-        If the goal is or will be executed, the arm is stopped, unless a newer goal has come. If the
-        goal is only planned for, it ends with `STOPPED`, and its plan is dropped.
+        If the goal is being executed or will be, the arm is stopped, unless a newer goal has come.
+        If the goal is only planned for, it ends with `STOPPED`, and its plan is dropped.
 
         Args:
             handle: rclpy's handle of the goal.
@@ -352,9 +355,9 @@ class MoveTipServer:
     def _start_next_trial_plan(self) -> None:
         """Begin to plan for the next queued goal that will not be executed.
 
-        Only one such trial plan is made at a time. A goal that will be executed therefore waits for
-        at most one of them. Queued goals that have ended are skipped. Nothing happens if a trial
-        plan is being made, or if no goal is queued.
+        Only one such trial plan is made at a time, so a goal that will be executed waits for at
+        most one of them. Queued goals that have ended are skipped. Nothing happens if a trial plan
+        is being made, or if no goal is queued.
         """
         while self._trial_request is None and self._trial_queue:
             job, goal, adjusted = self._trial_queue.popleft()
@@ -364,7 +367,7 @@ class MoveTipServer:
     def _request_trial_plan(
         self, job: _ActionGoal, goal: Goal, adjust_settings: Adjustment, horizon_factor: float = 1.0
     ) -> None:
-        """Request a plan that will not be executed; refuse the goal if no plan can be requested.
+        """Request a plan that will not be executed, or refuse the goal if this is impossible.
 
         Args:
             job: Goal of the action.
@@ -388,8 +391,8 @@ class MoveTipServer:
         """Handle an answer of the planning worker if this server has requested the plan.
 
         The answer ends the goal, or the goal is planned for again. After that, planning begins for
-        the next goal whose request has `plan_only`. If an exception occurs here, it is recorded as
-        a fault, and the goal is refused with `INTERNAL`.
+        the next goal whose request has `plan_only`. An exception in this method is recorded as a
+        fault, and the goal is refused with `INTERNAL`.
 
         Args:
             request: Request that was answered.
@@ -413,7 +416,7 @@ class MoveTipServer:
     def _handle_trial_answer(
         self, job: _ActionGoal, request: PlanRequest, answer: Replan | Exception | None
     ) -> None:
-        """End a goal that will not be executed by the answer to its request, or plan again.
+        """Handle the answer for a goal that will not be executed: end the goal or plan again.
 
         A plan ends the goal with success. Its energies, duration, times and both of its messages
         are written into the result. After a missed deadline the goal is planned for again. The
@@ -467,10 +470,10 @@ class MoveTipServer:
     def tick(self) -> None:
         """Publish feedback for goals without a result, at most every `FEEDBACK_PERIOD`.
 
-        The state in it is `planning`, `moving` or `stopping`. The feedback also has the elapsed
-        share of the motion, the time left [s], the arm's modes, and the energy so far [J]. Share,
-        time and energy are updated only for the goal whose plan is in force. If there are many
-        goals, only some of them get feedback in one call.
+        Feedback has the state (`planning`, `moving` or `stopping`), the elapsed share of the
+        motion, the time left [s], the arm's modes, and the energy so far [J]. Share, time and
+        energy are updated only for the goal whose plan is in force. If there are many goals, only
+        some of them get feedback in one call.
         """
         now = deadline.now()
         if not self._jobs or now - self._feedback_sent_at < FEEDBACK_PERIOD:
@@ -498,8 +501,8 @@ class MoveTipServer:
         """Choose the goals that get feedback in this round.
 
         If there are at most `FEEDBACK_AT_ONCE` goals, all get feedback. Otherwise the goal that is
-        being executed gets it in every round, and of the others the next `FEEDBACK_AT_ONCE` in
-        turn.
+        being executed gets feedback in every round, and the next `FEEDBACK_AT_ONCE` of the other
+        goals in turn.
 
         Returns:
             Goals to send feedback for.

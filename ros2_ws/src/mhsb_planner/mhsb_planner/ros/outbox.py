@@ -1,4 +1,4 @@
-"""Outbox of the planner node: it publishes, plans and calls services for the goal lifecycle."""
+"""Outbox of the planner node, which publishes, plans and calls services for the goal lifecycle."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from mhsb_planner.ros import views
 Answer = tuple[PlanRequest, Replan | Exception | None]
 """A request and its answer.
 
-The answer is a plan, the error that planning raised, or None if the arm is at the goal already."""
+The answer is a plan, the error that planning raised, or None if the arm is already at the goal.
+"""
 
 PUBLISHED_TOPICS = (
     topics.PLAN_STATUS,
@@ -81,7 +82,7 @@ class RosOutbox:
         """Begin to accept plan requests.
 
         Args:
-            replanner: Maker of the plans. It is used in the worker's thread.
+            replanner: Planner that makes the plans, in the worker's thread.
             on_answers: Called in the node's thread when requests have been answered. `take_answers`
                 then returns the answers.
         """
@@ -265,11 +266,11 @@ class RosOutbox:
         return True
 
     def must_call_arm_stop(self) -> bool:
-        """Return whether only the arm's own ~/stop is sure to bring the arm to rest.
+        """Return whether only the arm's own ~/stop can bring the arm to rest for certain.
 
         Returns:
             True if the arm provides ~/stop, and the ROS graph shows another publisher of
-            `joint_trajectory`. A killed one counts for `endpoints.LEASE_TIME`.
+            `joint_trajectory`. A killed publisher is still shown for `endpoints.LEASE_TIME`.
         """
         planners = self._node.count_publishers(topics.JOINT_TRAJECTORY.name)
         return planners > 1 and bool(self._arm_stop.service_is_ready())
@@ -277,9 +278,9 @@ class RosOutbox:
     def is_arm_connected(self) -> bool:
         """Return whether the arm would receive both messages of a plan.
 
-        A message is lost if its publisher is not connected to the arm's subscription yet. A killed
-        arm still counts as a subscriber for a while. Each of the two topics therefore needs at
-        least as many subscribers as `reference` has publishers, and at least one.
+        A message is lost if its publisher is not connected to the arm's subscription yet. Since a
+        killed arm still counts as a subscriber for a while, each of the two topics needs at least
+        as many subscribers as `reference` has publishers, and at least one.
 
         Returns:
             True if both topics have enough subscribers.
@@ -294,7 +295,7 @@ class RosOutbox:
         """Return a sentence that names the arms that publish `reference`, if there are several.
 
         `reference` is the arm's topic; the planner only subscribes to it. The sentence contains
-        namespace and name of each publishing node. It asks the user to end all but one.
+        namespace and name of each publishing node. It asks the user to end all nodes except one.
 
         Returns:
             The sentence; empty if the ROS graph shows one publisher or none.
@@ -320,7 +321,7 @@ class RosOutbox:
             arm: Machine with the zones to draw.
 
         Returns:
-            The tip's path in `base_link`, the same path in `work_plane` (the arm's plane as its x-y
+            The tip's path in `base_link`, this path in `work_plane` (the arm's plane as its x-y
             plane), and markers.
         """
         return (

@@ -34,8 +34,8 @@ def compose_diagnostics(
     The status has these values: number of verdicts, plan in force, and estimated commit horizon
     [s]. The commit horizon is the time until a new plan takes over. Further values are the payload
     [kg], name and hash of the machine, and the faults of callbacks. Another node is a duplicate if
-    it has the same name as this node, or publishes on the same topics. Duplicates are also logged,
-    at most every 10 s.
+    it has the name of this node, or publishes on the same topics. Duplicates are also logged, at
+    most every 10 s.
 
     Args:
         node: Planner node.

@@ -1,8 +1,8 @@
-"""Planner node: it receives goals and publishes joint trajectories, mode commands and verdicts.
+"""Planner node, which receives goals and publishes joint trajectories, mode commands and verdicts.
 
 Messages are decoded here and passed to the `GoalLifecycle`, which makes all decisions. The
-`RosOutbox` plans, publishes and calls services for it. Planning runs in one worker thread,
-everything else in the executor's thread.
+`RosOutbox` plans, publishes and calls services for the lifecycle. Planning runs in one worker
+thread, everything else in the executor's thread.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ DIAGNOSTICS_PERIOD = 1.0
 EXECUTION_TOPICS = (topics.JOINT_STATES, topics.REFERENCE, topics.PLAN_IN_FORCE)
 """Topics by which the execution of a plan is monitored.
 
-The arm is stopped if the callback of one of them fails repeatedly.
+The arm is stopped if the callback of one of these topics fails repeatedly.
 """
 
 
@@ -95,8 +95,8 @@ class PlannerNode(Node):
     def __init__(self) -> None:
         """Declare parameters, compile the planner, load the posture table, and open all interfaces.
 
-        The table is built if there is none, which takes long. The subscription to goals is created
-        last, so that its presence means that the planner is ready.
+        If there is no table, it is built, which takes long. The subscription to goals is created
+        last, so that its presence shows that the planner is ready.
         """
         super().__init__(names.PLANNER_NODE)
         self.faults = Faults(self, stop=self._stop_unmonitored_arm)
@@ -138,7 +138,7 @@ class PlannerNode(Node):
     def _make_interfaces(self) -> None:
         """Create the service, timers and subscriptions of the node.
 
-        The subscription to goals is created last, so that its presence means that the planner is
+        The subscription to goals is created last, so that its presence shows that the planner is
         ready.
         """
         self.create_service(
@@ -174,8 +174,8 @@ class PlannerNode(Node):
         """Start the server of the action ~/move_tip if its interface was built.
 
         Returns:
-            The server. None if the interface is missing or does not fit. This is logged, and goals
-            can then come by the topic only.
+            The server; None if the interface is missing or does not fit, which is logged. Goals can
+            then only come by the topic.
         """
         try:
             from mhsb_interfaces.action import MoveTip
@@ -229,7 +229,7 @@ class PlannerNode(Node):
     def _take_settings(self) -> None:
         """Make new settings of plans from all parameters, and apply them from now on.
 
-        A plan that is being made is made again. Plans are made without failed servo pumps. The
+        A plan that is being made is started again. Plans are made without failed servo pumps. The
         estimated payload is used if the parameter `payload_from` is `estimate`.
         """
         self._settings = self._make_settings()
@@ -239,7 +239,7 @@ class PlannerNode(Node):
         """Make the settings of plans from the present parameters.
 
         Args:
-            own: Parameters of one goal, which replace those of the node.
+            own: Parameters of one goal, which replace the node's parameters.
 
         Returns:
             Settings for the machine without its failed servo pumps. The estimated payload is used
@@ -374,10 +374,9 @@ class PlannerNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
         """Decode the arm's reports on /diagnostics and pass them to the goal lifecycle.
 
-        A report on the arm itself contains fault, last stop, machine and plan delay. It also names
-        the failed servo pumps. If these have changed, plans are made without them from now on. A
-        report that the arm has refused a plan contains the plan's stamp and the reason. Other
-        statuses are ignored.
+        A report on the arm itself contains fault, last stop, machine, plan delay and the failed
+        servo pumps, without which plans are made from now on. A report that the arm has refused a
+        plan contains the plan's stamp and the reason. Other statuses are ignored.
 
         Args:
             message: Message of `/diagnostics`. If a report in it cannot be read, the message is
@@ -415,8 +414,8 @@ class PlannerNode(Node):
         """Store the payload that the arm has estimated, and use it if `payload_from` is `estimate`.
 
         An accurate estimate replaces the previous estimate if it differs enough (`choose_payload`).
-        If the parameter `payload_from` is `estimate`, plans use it from now on, and this is logged.
-        If planning refuses this payload, the previous payload is kept.
+        If the parameter `payload_from` is `estimate`, plans use the new payload from now on, which
+        is logged. If planning refuses this payload, the previous payload is kept.
 
         Args:
             message: Message of `estimates`. If it cannot be used, it is logged and dropped.
@@ -444,7 +443,7 @@ class PlannerNode(Node):
         """Find the times at which a message was sent and received, by the steady clock [s].
 
         Args:
-            info: rclpy's information on the message, which gives both by the system clocks.
+            info: rclpy's information on the message, which gives both times by the system clocks.
         """
         return find_message_times(info, deadline.now(), time.time_ns())
 
@@ -453,7 +452,7 @@ class PlannerNode(Node):
     def _stop_unmonitored_arm(self) -> None:
         """Call the arm's own ~/stop, because a callback that monitors the plan fails repeatedly.
 
-        An error is logged if the service is not available, or if it does not succeed.
+        An error is logged if the service is not available or does not succeed.
         """
 
         def log_failed_stop(success: bool, sentence: str) -> None:
@@ -477,7 +476,7 @@ class PlannerNode(Node):
             self._take_answer(request, answer)
 
     def _on_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> None:
-        """Pass an answer of the planning worker to the object that has requested the plan.
+        """Pass an answer of the planning worker to the object that requested the plan.
 
         The action server requests plans that will not be executed. The goal lifecycle (state
         machine of goals) requests all other plans.
@@ -503,7 +502,7 @@ class PlannerNode(Node):
     def _publish_feedback_and_views(self) -> None:
         """Publish feedback for action clients, and path and markers for viewers.
 
-        Exceptions of this method are caught by its caller, so that they do not affect the motion.
+        The caller catches exceptions of this method, so that they do not affect the motion.
         """
         if self._move_tip is not None:
             self._move_tip.tick()
@@ -514,10 +513,10 @@ class PlannerNode(Node):
     ) -> Trigger.Response:
         """Serve ~/stop: bring the arm to rest and end all goals.
 
-        If the arm follows a plan of this planner, it brakes along the plan's path. If it does not,
-        or does not confirm braking commands, the service ~/stop of the arm's own node is called.
-        The response is sent when the arm rests, when it has confirmed a braking command, or when it
-        cannot be stopped.
+        An arm that follows a plan of this planner brakes along the plan's path. If the arm does not
+        follow such a plan, or does not confirm braking commands, the service ~/stop of the arm's
+        own node is called. The response is sent when the arm rests, when it has confirmed a braking
+        command, or when it cannot be stopped.
 
         Args:
             request: Empty request.
@@ -569,7 +568,7 @@ class PlannerNode(Node):
 
 
 def _drop_info(callback: Callable[[Any], None]) -> Callable[[Any, dict[str, int]], None]:
-    """Return a subscription callback that passes on the message without rclpy's information on it.
+    """Return a subscription callback that passes on the message alone, without rclpy's information.
 
     Args:
         callback: Function of the message alone.

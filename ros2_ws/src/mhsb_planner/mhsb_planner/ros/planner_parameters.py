@@ -1,4 +1,4 @@
-"""Parameters of the planner node: their declaration, their ranges, and the checks of changes."""
+"""Parameters of the planner node: declaration, ranges, and checks of changes."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ OWN_RANGES = {
 }
 """Least and greatest number by parameter name, for parameters whose ranges rclpy cannot check.
 
-rclpy does not check arrays. It would also refuse NaN, the value of angles that are free.
+rclpy does not check arrays, and would refuse NaN, the value of free angles.
 """
 
 
@@ -188,16 +188,17 @@ class PlannerParameters:
             (`estimate`).
         supply_pressure: Pressure of the main pump [Pa].
         v_max: Piston speed limit V_max [m/s]. An actuator with a lower limit in the machine file
-            keeps its own.
+            keeps its own limit.
         lead_min: Lower bound of the commit horizon (time until a new plan takes over) [s].
         lead_max: Upper bound of the commit horizon [s].
-        planning_budget: Fixed commit horizon [s]. 0 means that it is estimated, within the bounds.
-        goal_psi: End link's angle at the goal [rad], or its least and greatest value. None means
-            any angle.
+        planning_budget: Fixed commit horizon [s]. 0 means that the horizon is estimated, within the
+            bounds.
+        goal_psi: Angle of the end link at the goal [rad], or its least and greatest value. None
+            means any angle.
         goal_region: Region around the goal in which the tip may end; None for the exact goal.
         goal_via: Via points on the way to a goal, in this order, each (x, z) or (x, y, z) [m].
         goal_via_tolerance: Largest distance at which the tip may pass a via point [m].
-        area_weight: Weight w₄ of the manipulability loss [1/m]; 0 means no such term.
+        area_weight: Weight w₄ of the manipulability loss [1/m]; 0 leaves the loss out of the cost.
         max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial [-].
         reached_tolerance: Largest distance of the measured tip from the goal, or from its region,
             at which the goal counts as reached [m].
@@ -248,13 +249,13 @@ class PlannerParameters:
 
         Args:
             base: Machine of the machine file.
-            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each of them reduces the number
-                of booster modules by one.
+            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each failed pump reduces the
+                number of booster modules by one.
             estimated_payload: Payload that the arm has estimated [kg]; None if there is no
                 estimate. The estimate replaces `payload` if `payload_from` is `estimate`.
 
         Returns:
-            Settings with the options, and with the machine of the file, changed by these values.
+            Settings with the options, and with the machine of the file as changed by these values.
         """
         modules = max(base.arrays.module_count - len(lost_servo_pumps), 0)
         machine = self.apply_to_machine(base)
@@ -297,7 +298,7 @@ def declare_table_path(node: Node) -> Path | None:
         node: Planner node.
 
     Returns:
-        Path of the file; None if the parameter is empty. The table in the user's cache is then
+        Path of the file; None if the parameter is empty, so that the table in the user's cache is
         used.
     """
     text = "posture table (npz); empty builds one and keeps it"
@@ -382,7 +383,7 @@ def read_parameters(
     Args:
         node: Planner node.
         machine: Machine of the machine file.
-        goal_parameters: Parameters of one goal. They replace the node's values in the result. The
+        goal_parameters: Parameters of one goal, which replace the node's values in the result. The
             node's parameters are not changed.
 
     Returns:
@@ -395,11 +396,11 @@ def read_parameters(
 
 
 def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
-    """Check a set of parameter changes, and return the reason if they must be refused.
+    """Check a set of parameter changes, and return the reason for a refusal.
 
     The changes are checked together with the present values of all other parameters. The checks
-    cover allowed names, ranges, finite numbers, bounds that contradict each other, and whether
-    planning accepts the options. No parameter is changed.
+    cover allowed names, ranges, finite numbers, contradicting bounds, and whether planning accepts
+    the options. No parameter is changed.
 
     Args:
         node: Planner node.
@@ -482,7 +483,7 @@ def _collect_values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
 
     Args:
         node: Planner node, which gives the present values.
-        changes: Parameters that replace the present values. Parameters that are not in
+        changes: Parameters whose values replace the present values. Parameters that are not in
             `CHANGEABLE_PARAMETERS` are ignored.
 
     Returns:
@@ -550,7 +551,7 @@ def _convert_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParam
 def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
     """Combine the three parameters of the end link's angle at the goal into one value.
 
-    NaN as a parameter's value means that it is not given.
+    A parameter with the value NaN counts as not given.
 
     Args:
         exact: Parameter `goal_psi` [rad].
@@ -582,7 +583,7 @@ def _convert_pair(name: str, value: Any) -> tuple[float, float] | None:
         value: Value of the parameter.
 
     Returns:
-        (x, z) [m]. None if both numbers are 0: the parameter is then not used.
+        (x, z) [m]; None if both numbers are 0, which means that the parameter is not used.
 
     Raises:
         RequestError: The value is not a sequence of two numbers.

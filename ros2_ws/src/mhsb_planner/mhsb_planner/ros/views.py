@@ -1,7 +1,7 @@
 """Messages for viewers such as RViz: tip path coloured by mode, goal posture and obstacles.
 
-They are made in two frames. In `base_link` the arm's plane is vertical. In `work_plane` the arm's
-plane is the x-y plane, for tools that only draw x and y.
+The messages are made in two frames. In `base_link`, the arm's plane is vertical. In `work_plane`,
+it is the x-y plane, for tools that only draw x and y.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ GOAL_COLOR = (0.2, 0.3, 0.8)
 """Colour of goal and goal posture: red, green and blue from 0 to 1."""
 
 OBSTACLE_COLORS = {True: (0.9, 0.5, 0.1), False: (0.8, 0.1, 0.1)}
-"""Colours of obstacles, by whether the obstacle concerns the tip only."""
+"""Colours of obstacles: True for obstacles of the tip alone, False for all others."""
 
 OBSTACLE_OPACITY = 0.4
 """Opacity of obstacles, 0 to 1."""
@@ -72,9 +72,8 @@ def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, P
         prefix: Text before the names of frames.
 
     Returns:
-        Path in `base_link`, and path in `work_plane`. The latter shows the arm's vertical plane as
-        a horizontal one: its z is drawn as y. Both paths have the command's stamp, and points every
-        `PATH_SPACING_NS`.
+        Path in `base_link`, and path in `work_plane`, in which z of the arm's vertical plane is
+        drawn as y. Both paths have the command's stamp, and points every `PATH_SPACING_NS`.
     """
     _, postures = _sample_command(command)
     in_base, laid_flat = (
@@ -183,8 +182,8 @@ def _set_shape_in_plane(
     """Set type, pose and size of the marker of a box or circle in the arm's plane.
 
     Boxes are cut off at ± `half_size`. If the arm slews, the boxes in its plane are the ground and
-    the base. In `base_link` each of them is then drawn as a box around the slew's axis, with equal
-    width in x and y.
+    the base. In `base_link`, these two are drawn as boxes around the slew's axis, with equal width
+    in x and y.
 
     Args:
         marker: Marker, written in place. For a circle, the thickness `scale.z` is kept.

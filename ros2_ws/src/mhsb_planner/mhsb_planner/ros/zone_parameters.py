@@ -1,8 +1,8 @@
-"""Parameters of keep-out zones: one flat array for each kind of zone, for the whole arm or its tip.
+"""Parameters of keep-out zones: a flat array for each kind of zone, for the whole arm or its tip.
 
-Every planner node declares the parameters of all kinds, for any arm. A zone of a kind that the arm
-cannot have is refused, and the error names the possible kinds. If such a parameter were not
-declared, ROS would ignore its value, and the arm would move through the zone.
+Every planner node declares the parameters of all kinds. A zone of a kind that the arm cannot have
+is refused, and the error names the possible kinds. If the parameter were not declared, ROS would
+ignore its value, and the arm would move through the zone.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ ZONE_PARAMETERS = {
 def declare_zones(node: Node, machine: Machine) -> None:
     """Declare all zone parameters, with the zones of the machine file as initial values.
 
-    Parameters of zone kinds that the arm cannot have are declared, too.
+    This includes parameters of zone kinds that the arm cannot have.
 
     Args:
         node: Planner node.
@@ -74,7 +74,7 @@ def declare_zones(node: Node, machine: Machine) -> None:
 def replace_deletions(changes: list[Parameter]) -> list[Parameter]:
     """Replace each deletion of a zone parameter by an empty array, which means no zones.
 
-    Otherwise ROS would remove the parameter, and it could not be set again.
+    Without this, ROS would remove the parameter, and it could not be set again.
 
     Args:
         changes: Parameters that will be set.
