@@ -1,4 +1,4 @@
-"""The discrete path: result of the search over tip positions, postures and mode combinations."""
+"""The discrete path, the result of a search over tip positions, postures and mode combinations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class SearchStatistics:
         expanded: Number of states whose outgoing steps were examined.
         generated: Number of steps examined.
         seconds: Duration of the search [s].
-        out_of_time: True if a deadline ended the search; the path is then the best one until the
+        out_of_time: True if a deadline ended the search; the path is then the best path until the
             deadline.
     """
 
@@ -48,7 +48,7 @@ class DiscretePath:
         start_modes: Modes in force before the first step, shape (n,).
         statistics: Effort of the search.
         holding_switches: Number of switches after the last step, to the modes that hold the arm at
-            rest, as far as `cost` counts them. Only the integrated search counts them.
+            rest. Only the integrated search counts them in `cost`; otherwise 0.
     """
 
     tip: FloatArray
@@ -108,7 +108,7 @@ class DiscretePath:
     def switches(self) -> int:
         """Number of mode switches of the path, summed over all actuators.
 
-        Switches from the modes in force at the start to the modes of the first step are included.
+        This includes switches from the modes in force at the start to the modes of the first step.
         """
         first = np.count_nonzero(self.modes[:1] != self.start_modes)
         return int(first + np.count_nonzero(self.modes[1:] != self.modes[:-1]))

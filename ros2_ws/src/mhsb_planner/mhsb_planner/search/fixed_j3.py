@@ -1,12 +1,12 @@
 """The conventional method: joint 3 keeps its angle (paper, Section 3.3, after its reference 18).
 
-An initial angle J3 of joint 3 is given. At a tip position the angles of joints 1 and 2 then have at
-most two solutions. If both are beyond limits, J3 is changed in steps of 1° until a solution is
-within limits. Each workspace node thus has one posture for all mode combinations. The search then
-finds path and modes with the step costs of `s2_step`.
+An initial angle J3 of joint 3 is given. At a tip position, joints 1 and 2 then have at most two
+solutions. If both are beyond limits, J3 is changed in steps of 1° until a solution is within
+limits. So each workspace node has one posture for all mode combinations. The search then finds path
+and modes with the step costs of `s2_step`.
 
-In an arm with more joints all but two keep their angles; the machine file names the kept joints. If
-necessary, one kept joint is changed. The elbow is the second of the two other joints.
+In an arm with more joints, all joints except two keep their angles; the machine file names the kept
+joints. If necessary, one kept joint is changed. The elbow is the second of the two moving joints.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mhsb_planner.search.s2_graph import StepGraph
 J3_STEP = math.radians(1.0)
 """Step by which a kept joint is changed if the two free joints have no solution [rad].
 
-For a telescope range/π stands for 1 rad (`kinematics.compute_radian_equivalents`).
+For a telescope, range/π stands for 1 rad (`kinematics.compute_radian_equivalents`).
 """
 
 NODES_AT_ONCE = 50
@@ -44,7 +44,8 @@ NODES_AT_ONCE = 50
 ELBOW_UP, ELBOW_DOWN = -1, 1
 """Side of the elbow: -1 up, +1 down.
 
-It is the sign of the angle from the link before the elbow to the line from elbow to tip."""
+The side is the sign of the angle from the link before the elbow to the line from elbow to tip.
+"""
 
 
 @kernel
@@ -59,11 +60,11 @@ def _find_posture(
 ) -> bool:
     """Find a posture at (x, z) that changes one kept joint by as few steps as possible.
 
-    Two joints move freely, and all others keep the positions `kept`. If the free joints then have
-    no solution within limits, one kept joint is changed, by one step of J3_STEP, by two, and so on.
-    For 1 step, then 2 steps and so on, the kept joints are tried in joint order, each upwards
-    before downwards. The elbow side `elbow` is always tried before the other side. The search ends
-    without a result when every kept joint would be beyond its limits.
+    Two joints move freely, and all others keep the positions `kept`. If the free joints have no
+    solution within limits, one kept joint is changed by 1, 2, … steps of J3_STEP. For each number
+    of steps, the kept joints are tried in joint order, each upwards before downwards, and the elbow
+    side `elbow` before the other side. The search ends without a result when every kept joint would
+    be beyond its limits.
 
     Args:
         m: Arrays of the machine.
@@ -110,8 +111,8 @@ def _fill_postures(
 ) -> None:
     """Compute the postures of the conventional method at many tip positions.
 
-    In this method two joints move freely, and all others are kept. If the two have no solution
-    within limits, one kept joint is changed in steps of J3_STEP until they have one.
+    Two joints move freely, and all others are kept. If the free joints have no solution within
+    limits, one kept joint is changed in steps of J3_STEP until there is a solution.
 
     Args:
         m: Arrays of the machine.
@@ -151,7 +152,8 @@ def find_elbow_side(machine: Machine, q: FloatArray) -> int:
     """Return the side of the elbow (up or down) in a posture.
 
     Args:
-        machine: Machine that names the kept joints. Of the other two, the second is the elbow.
+        machine: Machine that names the kept joints. The elbow is the second of the two other
+            joints.
         q: Joint positions, shape (n,) [rad or m].
 
     Returns:
@@ -166,17 +168,17 @@ def compute_fixed_j3_posture(
 ) -> FloatArray:
     """Compute the posture of the conventional method at a tip position.
 
-    In this method two joints move freely, and all others keep their given positions. If the two
-    have no solution within limits, one of the kept joints is moved in steps until they have one.
-    The kept joint and direction that need the fewest steps are taken. A step is 1°; for a telescope
+    Two joints move freely, and all others keep their given positions. If the free joints have no
+    solution within limits, one kept joint is moved in steps until there is a solution. The kept
+    joint and the direction that need the fewest steps are taken. A step is 1°; for a telescope,
     range/π stands for 1 rad.
 
     Args:
         machine: The arm without a slewing joint (`Machine.planar_arm`).
         x: Tip position forward [m].
         z: Tip position upward [m].
-        j3: Initial position of joint 3 [rad or m], within its limits. For several kept joints their
-            positions in joint order, shape (n - 2,).
+        j3: Initial position of joint 3 [rad or m], within its limits. For several kept joints:
+            their positions in joint order, shape (n - 2,).
         elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
 
     Returns:
@@ -204,14 +206,14 @@ def build_fixed_j3_graph(
     """Build the graph of steps between the postures of the conventional method (kept joints).
 
     The graph has the nodes and mode combinations of a given posture table. Every combination of a
-    node has the same posture; NaN marks a node without a posture. All steps are priced, that is,
-    their durations and energies are computed, before the function returns.
+    node has the same posture; NaN marks a node without a posture. The function also prices all
+    steps: it computes their durations and energies.
 
     Args:
         machine: The arm without a slewing joint (`Machine.planar_arm`).
         template_table: Posture table whose nodes, spacing and mode combinations are used.
         j3: Initial position of the kept joint, within its limits [rad or m]. For several kept
-            joints their positions in joint order, shape (n - 2,).
+            joints: their positions in joint order, shape (n - 2,).
         elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
         jobs: Number of threads; None means one per processor.
         grid: Grid of the table's nodes, if it has been built already; None builds it.
@@ -246,14 +248,14 @@ def build_fixed_j3_graph(
     def find_postures(machine: Machine, x: float, z: float, _: Deadline) -> FloatArray:
         """Return the conventional method's posture at (x, z), once for each mode combination.
 
-        The initial position of the kept joint, the elbow side and the number of mode combinations
-        come from the enclosing function.
+        The enclosing function gives the initial position of the kept joint, the elbow side and the
+        number of mode combinations.
 
         Args:
             machine: Machine whose posture is wanted.
             x: Tip position forward [m].
             z: Tip position upward [m].
-            _: Deadline, which is not used; the signature is that of `PostureRule`.
+            _: Deadline, not used; `PostureRule` prescribes the argument.
 
         Returns:
             Joint positions, shape (patterns, n) [rad or m], with equal rows.
@@ -295,7 +297,7 @@ def _check_kept_angles(machine: Machine, j3: float | FloatArray) -> FloatArray:
 
 
 def warm_up(graph: StepGraph) -> None:
-    """Compile the kernels of the conventional method (all joints but two are kept).
+    """Compile the kernels of the conventional method, in which all joints except two are kept.
 
     Args:
         graph: Graph whose machine and mode combinations give the argument types.

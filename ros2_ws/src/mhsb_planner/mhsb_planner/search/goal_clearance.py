@@ -1,7 +1,7 @@
 """Obstacle checks of start and goal.
 
-A goal is refused if the arm would be in an obstacle there, or nearer to one than the margin. A
-start in an obstacle is only described.
+A goal is refused if the arm would be in an obstacle at the goal, or nearer to an obstacle than the
+margin. A start in an obstacle is only described.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from mhsb_model.types import FloatArray, Position, frozen
 from mhsb_planner.errors import ZoneError, place_text
 
 CONTACT_CLEARANCE = 5e-4
-"""Clearance up to which the arm touches an obstacle, and depth from which it is in one [m].
+"""Largest clearance at which the arm touches an obstacle, and least depth at which it is inside
+[m].
 
 Motions that keep clear of obstacles stay farther away than this.
 """
@@ -29,7 +30,8 @@ Motions that keep clear of obstacles stay farther away than this.
 def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
     """Describe the obstacle that the arm touches or intersects in its start posture.
 
-    A start in an obstacle is allowed: a zone can be set where the arm is, and the arm may leave it.
+    A start in an obstacle is allowed, because a zone may be set where the arm is. The arm may then
+    leave the zone.
 
     Args:
         machine: Machine with its obstacles.
@@ -54,8 +56,8 @@ def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
 def check_tip_clearance(machine: Machine, goal: Position) -> None:
     """Check that the tip alone keeps the margin from all obstacles at a goal.
 
-    The check does not need a posture. It does nothing without obstacles. If the arm slews, zones in
-    space are checked in addition to obstacles in the arm's plane.
+    No posture is needed for this check. Without obstacles it does nothing. If the arm slews, zones
+    in space are checked in addition to obstacles in the arm's plane.
 
     Args:
         machine: Machine with its obstacles and margin.
@@ -114,7 +116,7 @@ def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArra
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the clearance kernels, whether the machine has obstacles or not.
+    """Compile the clearance kernels, even for a machine without obstacles.
 
     Args:
         machine: Machine whose number of joints gives the argument types.

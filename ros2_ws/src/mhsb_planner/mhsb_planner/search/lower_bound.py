@@ -9,9 +9,9 @@ Oil costs at least P_S per volume, and leakage flows for the whole motion:
 P_S [Pa] is the main pump's pressure and Q_MP [m³/s] its flow. A_dir [m²] is the piston area that
 fills, and q_leak [m³/s] the leakage of one of the n valves at P_S.
 
-Both bounds hold for each step at the costs of `s2_step`. Boosted oil never costs less than P_S
-there, and no valve leaks less than at P_S. Hence w₁ E_lb + w₂ T_lb is a consistent heuristic for
-the search.
+Both bounds hold for each step at the costs of `s2_step`, in which boosted oil never costs less than
+P_S, and no valve leaks less than at P_S. Hence w₁ E_lb + w₂ T_lb is a consistent heuristic for the
+search.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mhsb_planner.search.s2_step import (
 )
 
 ENERGY_ONLY_WEIGHTS = frozen(np.array([1.0, 0.0]))
-"""Weights of energy [1/J] and time [1/s] with which a lower bound on the cost is one on the energy
+"""Weights of energy [1/J] and time [1/s] that make a lower bound on the cost a bound on the energy
 [J].
 """
 
@@ -44,11 +44,11 @@ def bound_cost_between(
         cost = w₁ P_S (V + leakage · T_lb) + w₂ T_lb
 
     V [m³] is the oil that the pistons take, and T_lb [s] a lower bound on the duration. Cylinder j
-    changes its length by ΔL_j [m] and its speed limit in mode N is V_max,j [m/s]. Its piston area
-    that fills in this direction is A_j [m²]. The main pump has the supply pressure P_S [Pa] and the
+    changes its length by ΔL_j [m] and its speed limit in mode N is V_max,j [m/s]. A_j is the piston
+    area that fills in this direction [m²]. The main pump has the supply pressure P_S [Pa] and the
     flow `shared_flow` [m³/s] for the pistons. `leakage` [m³/s] is the leakage flow of all valves at
-    P_S. `other_oil` and `other_time` belong to other motions, such as a slew. Mode switches are not
-    in the bound.
+    P_S. `other_oil` and `other_time` are the needs of other motions, such as a slew. Mode switches
+    do not count.
 
     Args:
         c: Hydraulic coefficients of the machine: areas, speed limits, flows, P_S, `other_oil` [m³]
@@ -79,7 +79,7 @@ def bound_cost_to_nearest(
 
     Args:
         c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Its
-            `other_oil` and `other_time` (needs of other motions, such as a slew) count, too.
+            `other_oil` and `other_time` (needs of other motions, such as a slew) are included.
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Cylinder lengths at the goals, shape (goals, n) [m].
         weight: Weights w₁ of energy [1/J] and w₂ of time [1/s]. Further entries are ignored.
@@ -102,7 +102,7 @@ def bound_costs_between(
 
     Args:
         c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Its
-            `other_oil` and `other_time` (needs of other motions, such as a slew) count, too.
+            `other_oil` and `other_time` (needs of other motions, such as a slew) are included.
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Cylinder lengths at the goals, shape (goals, n) [m].
         weight: Weights w₁ of energy [1/J] and w₂ of time [1/s]. Further entries are ignored.

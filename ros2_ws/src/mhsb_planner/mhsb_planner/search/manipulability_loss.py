@@ -3,11 +3,11 @@
     M = ∫ max(0, 1 − A(q, p)/A_ref) ds     [m]
 
 The integral runs along the tip's path s [m]. A [m²/s²] is the polytope's area (`s1_polytope`) in
-posture q and the mode combination p in force. A_ref [m²/s²] is the area that counts as full: half
-of the workspace nodes offer more. M equals the length of a path with area 0 that would have the
-same loss. It is never negative, and the losses of the parts of a path add up to the loss of the
-path. In the cost w₁ E + w₂ T + w₃ switches + w₄ M its weight w₄ has the unit 1/m. The area is that
-of the paper's Section 2.1; the paper does not weigh it against other terms.
+posture q and the mode combination p in force. A_ref [m²/s²] is the area that counts as full; half
+of the workspace nodes have a larger area. M equals the length of a path with area 0 that would have
+the same loss. It is never negative, and the losses of the parts of a path add up to the loss of the
+path. In the cost w₁ E + w₂ T + w₃ switches + w₄ M its weight w₄ has the unit 1/m. The area is
+defined in the paper's Section 2.1; the paper does not use it in the cost.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ MAX_JOINT_STEP = 0.02
 """Largest change of a joint between two samples of the area along a path [rad or m]."""
 
 SAMPLES_AT_ONCE = 128
-"""Number of samples whose area is computed between two checks of the deadline."""
+"""Number of samples whose area is computed between two looks at the clock."""
 
 
 class AreaTerm(NamedTuple):
@@ -102,13 +102,13 @@ def compute_step_area_loss(
 ) -> None:
     """Compute the cost of the manipulability loss of one step in all mode combinations.
 
-    The area A_p in mode combination p is evaluated at the middle of the step in joint space. It is
-    used for the whole straight distance between the tip positions at both ends. With the weight w₄
-    and the reference area A_ref:
+    The area A_p in mode combination p is evaluated at the middle of the step in joint space, and
+    applies to the straight distance between the tip positions at both ends. With the weight w₄ and
+    the reference area A_ref:
 
         cost[p] = w₄ |tip(end) − tip(start)| max(0, 1 − A_p/A_ref)
 
-    The unit tests compare the result with the `AreaProfile` of a finely divided path.
+    Test oracle: the `AreaProfile` of a finely divided path.
 
     Args:
         m: Arrays of the machine.
@@ -116,8 +116,8 @@ def compute_step_area_loss(
         start: Joint positions at the start of the step, shape (n,) [rad or m].
         end: Joint positions at the end of the step, shape (n,) [rad or m].
         patterns: Mode combinations, shape (patterns, n).
-        status: Status code of the step in each combination, shape (patterns,), as
-            `s2_step.price_steps_to_node` writes it.
+        status: Status code of the step in each combination, from `s2_step.price_steps_to_node`,
+            shape (patterns,).
         required_status: Only combinations with this status are computed; all others are skipped.
         cost: Cost in each combination, shape (patterns,) [-]. Written in place; entries of skipped
             combinations stay as they are.
@@ -228,8 +228,8 @@ def _compute_area_profile(
 ) -> AreaProfile:
     """Compute the velocity-polytope area between successive postures, in given modes.
 
-    The postures divide the motion into k parts, and each part gets one area. If joint 1 slews, its
-    column is left out, and the arm is evaluated without it.
+    The postures divide the motion into k parts, and each part gets one area. If joint 1 slews, the
+    arm is evaluated without it.
 
     Args:
         machine: Machine with n joints.

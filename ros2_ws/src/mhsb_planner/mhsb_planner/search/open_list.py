@@ -1,13 +1,13 @@
 """State records and open list of A* searches.
 
 The open list is a binary heap of numbered states that stores the position of each state. States are
-ordered by least `estimate`, then by least `depth`, then by least number. The field `place` of a
-state is its position in the heap; it is NOT_IN_HEAP if the state is not in the heap.
+ordered by increasing `estimate`, then `depth`, then number. The field `place` of a state is its
+position in the heap; it is NOT_IN_HEAP if the state is not in the heap.
 
-Searches differ in the source of the steps that start in a state: stored steps, or moves priced when
-they are needed. Each search has its own loop, because numba caches no kernel that receives another
+Searches differ in the steps that start in a state: stored steps, or moves that are priced when they
+are needed. Each search has its own loop, because numba caches no kernel that receives another
 kernel as an argument. The common parts are in this module. They are inlined, because passing a
-tuple of arrays costs more than their work does.
+tuple of arrays takes longer than their work.
 """
 
 from __future__ import annotations
@@ -50,13 +50,14 @@ def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
 def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) -> None:
     """Insert a state into the heap, or move it up after its estimate has decreased.
 
-    The caller must set the state's estimate before, and count the states in the heap.
+    The caller must set the state's estimate before the call, and keep the count of states in the
+    heap.
 
     Args:
         states: Records of all states. The field `place` is written.
         heap: State numbers in heap order. Written in place.
-        i: Position in the heap from which the state moves up. For a new state this is the number of
-            states in the heap. For a state whose estimate has decreased it is its present position.
+        i: Position in the heap from which the state moves up. For a new state, this is the number
+            of states in the heap; for a state whose estimate has decreased, its present position.
         state: Number of the state.
     """
     while i > 0:
@@ -83,8 +84,8 @@ def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
         size: Number of states in the heap before the call, at least 1.
 
     Returns:
-        Number of the removed state: the least estimate, then the fewest steps, then the least
-        number.
+        Number of the removed state. It has the least estimate; among equal estimates the fewest
+        steps, then the least number.
     """
     top: int = heap[0]
     states[top].place = NOT_IN_HEAP
@@ -111,11 +112,12 @@ def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
 
 
 SEARCH_PAUSED, GOAL_FOUND, SEARCH_EXHAUSTED, ARRAYS_FULL = 0, 1, 2, 3
-"""Reasons for which a portion of a search ends.
+"""Reasons why a portion of a search ends.
 
-PAUSED: the limit of expansions is reached. FOUND: the goal is the next state to expand. EXHAUSTED:
-no state is left to expand. FULL: the arrays have no room for the steps that start in the next
-state."""
+SEARCH_PAUSED: the limit of expansions is reached. GOAL_FOUND: the goal is the next state to expand.
+SEARCH_EXHAUSTED: no state is left to expand. ARRAYS_FULL: the arrays have no room for the steps
+that start in the next state.
+"""
 
 NO_STATE = -1
 """Number that stands for no state or no posture."""
@@ -125,7 +127,7 @@ WAITING_COUNT, EXPANDED_COUNT, GENERATED_COUNT = 0, 1, 2
 
 
 class SearchState(Record):
-    """One state of a search. It fills half a cache line, because accesses are random."""
+    """One state of a search. It fits into half a cache line, because accesses are random."""
 
     cost: float
     """Cost of the best path from the start so far."""
@@ -134,15 +136,15 @@ class SearchState(Record):
     depth: Int32
     """Number of steps of the best path from the start so far."""
     parent: Int32
-    """State before this one on the best path so far; NO_STATE stands for the start."""
+    """Previous state on the best path so far; NO_STATE stands for the start."""
     place: Int32
     """Position in the heap, or NOT_IN_HEAP."""
     step: Int32
-    """Number of the last step of the best path so far, if the search numbers steps."""
+    """Number of the last step of the best path so far, if the search numbers its steps."""
 
 
 class OpenList(NamedTuple):
-    """Records of all states, and the heap of the open states; a search can be continued with them.
+    """Records of all states, and the heap of the open states, with which a search can be continued.
 
     The goal is one more state; it has the greatest number.
 
@@ -171,7 +173,7 @@ class ExpandedState(NamedTuple):
         pattern: Index of the mode combination of arrival. The number of combinations stands for the
             modes in force at the start.
         cost: Cost from the start.
-        next_depth: Number of steps from the start to the states that it leads to.
+        next_depth: Number of steps from the start to the successors of this state.
     """
 
     state: int
@@ -242,9 +244,9 @@ def record_path_to(
 ) -> None:
     """Record a new best path to a target state and put the target into the heap.
 
-    If the target is in the heap already, it moves to its new position. A target that was expanded
-    before becomes open again. The caller must check that the path is better than the known one. The
-    record's field `step` is not written.
+    If the target is already in the heap, it moves to its new position. A target that was expanded
+    before becomes open again. The caller must check that the path is better than the known path.
+    The record's field `step` is not written.
 
     Args:
         f: Open list. The target's record, the heap and the counts are written in place.
@@ -252,8 +254,8 @@ def record_path_to(
         state: Number of the state before the target on this path, NO_STATE for the start.
         steps: Number of steps from the start to the target.
         cost: Cost from the start to the target.
-        lower_bound: Heuristic: estimated cost from the target to the goal. It is added to `cost` to
-            order the heap.
+        lower_bound: Heuristic: estimated cost from the target to the goal. The heap is ordered by
+            `cost` plus this value.
     """
     reached = f.states[target]
     reached.cost = cost
@@ -269,7 +271,7 @@ def record_path_to(
 
 @kernel
 def trace_path_to_goal(f: OpenList) -> IntArray:
-    """Return the states along the path that was found, without the start.
+    """Return the states along the found path, without the start.
 
     Args:
         f: Open list of a search that has reached the goal.

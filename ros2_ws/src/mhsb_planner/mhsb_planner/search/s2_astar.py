@@ -4,9 +4,9 @@ A state is a node and the mode combination of arrival. The cost of a step theref
 the states that it leaves and reaches. The heuristic of `lower_bound` is consistent, so that an
 expanded state is final. If rounding makes a later path cheaper, the state is expanded again.
 
-All states of one posture have the same steps to other states. A state is skipped if a path to
-another state of its posture, with mode switches there, costs less. Numbers of mode switches obey
-the triangle inequality, so the other state leads to all successors at no greater cost.
+All states of one posture have the same steps to other states. A state is skipped if it is cheaper
+to reach another state of its posture and to switch modes there. Numbers of mode switches obey the
+triangle inequality, so the other state leads to all successors at no greater cost.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class PostureLabels(NamedTuple):
     """Lower bound and cheapest state so far of each posture, in one exact search.
 
     Attributes:
-        remaining: Lower bound on the cost to the goal, shape (postures,). NaN means not computed
-            yet.
-        cheapest: Combination of the posture's state with the least cost so far, shape (postures,).
+        remaining: Lower bound on the cost to the goal, shape (postures,). NaN means that it is not
+            computed yet.
+        cheapest: Mode combination of the posture's cheapest state so far, shape (postures,).
             NO_STATE if no state of the posture has been reached.
     """
 
@@ -69,10 +69,10 @@ class PostureLabels(NamedTuple):
 
 
 class ExactSearchInput(NamedTuple):
-    """Problem of one search, in the form that the kernel takes.
+    """Problem of one search, as arrays for the kernel `expand`.
 
     Attributes:
-        from_start: Steps that start in the start. A reached state of NO_STATE means the goal.
+        from_start: Steps that leave the start. NO_STATE as the reached state means the goal.
         to_goal: Steps to the goal, sorted by the posture that they leave.
         goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1, shape
             (postures + 1,).
@@ -80,8 +80,9 @@ class ExactSearchInput(NamedTuple):
         length: Cylinder lengths of the graph's postures, shape (postures, n) [m].
         goal_length: Cylinder lengths of the goal postures that steps lead to, shape (goals, n) [m].
         posture_of_state: Posture of each state of the graph, shape (states,).
-        switches: Number of actuators that change between two combinations, shape (patterns + 1,
-            patterns). The last row stands for the modes in force at the start.
+        switches: Number of actuators that change their mode from one combination (row) to another
+            (column), shape (patterns + 1, patterns). The last row stands for the modes in force at
+            the start.
         weight: Weights of energy [1/J], time [1/s] and switches [-], shape (3,).
         column: Column of the energy in step costs, ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN.
     """
@@ -99,15 +100,15 @@ class ExactSearchInput(NamedTuple):
 
 
 class LeavingSteps(NamedTuple):
-    """Steps that start in the state that is being expanded: rows first to last - 1 of a list.
+    """Steps that leave the state being expanded: rows `first` to `last` - 1 of a list.
 
     Attributes:
-        state: State that each step of the list reaches; NO_STATE means the goal.
+        state: State that each step of the list reaches; NO_STATE is the goal.
         pattern: Index of the mode combination of each step.
         cost: Cost of each step, shape (steps, 3): duration [s], energy by the published model
             (`paper`) [J], energy with the pumps in series (`series`) [J].
         first: First row.
-        last: One after the last row.
+        last: Last row plus 1.
     """
 
     state: IntArray
@@ -121,7 +122,7 @@ class LeavingSteps(NamedTuple):
 def _is_dominated(
     cost: float, depth: int, states: Records[SearchState], other: int, switching: float
 ) -> bool:
-    """Return whether a state need not be expanded because of another state of its posture.
+    """Return whether another state of the same posture makes it needless to expand a state.
 
     Let c be the cost of the path to the state, and o the cost of the path to the other state. The
     state is useless if o < c and o + switching < c. If o + switching equals c, it is useless if the
@@ -129,7 +130,7 @@ def _is_dominated(
 
     Args:
         cost: Cost c of the path to the state.
-        depth: Number of steps of that path.
+        depth: Number of steps of the path to the state.
         states: Records of all states.
         other: Number of the other state.
         switching: Cost of the mode switches from the other state's combination to this state's
@@ -156,13 +157,13 @@ def expand(
     """Run the kernel of the exact search: expand up to `limit` states.
 
     A state is a workspace node and the mode combination of arrival. The first call expands the
-    start. Steps that start in a posture are priced with `cost_model` when they are needed for the
-    first time, and appended to `edges`. A state is useless if mode switches from another state of
-    the same posture reach it as cheaply. A useless state does not enter the open list. A state that
-    becomes useless in the list is removed without expansion; it still counts towards `limit`. The
-    caller must hold the lock `PricedSteps.guard()`.
+    start. The steps that leave a posture are priced with `cost_model` when they are first needed,
+    and appended to `edges`. A state is useless if mode switches from another state of the same
+    posture reach it as cheaply. A useless state does not enter the open list. A state that becomes
+    useless in the list is removed without expansion; it still counts towards `limit`. The caller
+    must hold the lock `PricedSteps.guard()`.
 
-    The unit tests compare the result with scipy.sparse.csgraph.dijkstra on the same graph.
+    Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
 
     Args:
         open_list: Open list and records of all states. Written in place.
@@ -170,13 +171,13 @@ def expand(
         cost_model: Data for pricing steps.
         edges: Steps priced so far. New steps are written in place if there is room.
         buffers: Working memory for pricing steps, overwritten.
-        search_input: Start, goal, weights and mode switches.
+        search_input: Start, goal, weights, and numbers of mode switches.
         limit: Largest number of states to take from the open list, including the start.
 
     Returns:
         SEARCH_PAUSED if the limit is reached, GOAL_FOUND if the cheapest path is found,
-        SEARCH_EXHAUSTED if no state is left. ARRAYS_FULL means that `edges` has less room than the
-        steps of one posture may take. No state is lost then; the caller enlarges `edges` and calls
+        SEARCH_EXHAUSTED if no state is left. ARRAYS_FULL means that `edges` may lack room for the
+        steps of one more posture. No state is lost then; the caller enlarges `edges` and calls
         again.
     """
     states, counts = open_list.states, open_list.counts
@@ -223,7 +224,7 @@ def expand(
 
 @kernel(inline="always")
 def _add_edges(cost_model: StepCostModel, edges: Edges, posture: int, buffers: StepBuffers) -> bool:
-    """Price the steps that start in a posture and append them to the graph's edges.
+    """Price the steps that leave a posture, and append them to the graph's edges.
 
     Args:
         cost_model: Data for pricing steps.
@@ -256,18 +257,17 @@ def _relax_steps(
     """Record every step that leads to a state more cheaply than the path known so far.
 
     At equal cost a path with fewer steps counts as cheaper. A state is a node with the mode
-    combination of arrival. Another path to a state goes through the cheapest known state of the
-    same posture, with mode switches there. The step is not recorded if that path is cheaper, or as
-    cheap with no more steps. Otherwise the state enters the open list, or its place in the list is
-    updated.
+    combination of arrival. The same state can be reached by mode switches in the cheapest known
+    state of its posture. The step is not recorded if that path is cheaper, or as cheap with no more
+    steps. Otherwise the state enters the open list, or its place in the list is updated.
 
     Args:
         open_list: Open list and records of all states. Written in place.
         labels: Lower bound of each posture, and mode combination of its cheapest state. Written in
             place.
         search_input: Goal, weights, mode switches, and data for lower bounds.
-        origin: State that the steps leave, with the cost of the path to it.
-        steps: The steps. All count as generated.
+        origin: State that the steps leave, with the cost of the path to this state.
+        steps: The steps; all are counted as generated.
     """
     states, owner = open_list.states, search_input.posture_of_state
     w_energy, w_time, w_switch = search_input.weight
@@ -308,7 +308,7 @@ def _relax_steps(
 
 
 class ExactSearch:
-    """Exact search for the cheapest path; of equal paths it finds one with the fewest steps."""
+    """Exact search for the cheapest path; if paths cost the same, for one with the fewest steps."""
 
     first_portion, portion = 50, 2000
 
@@ -350,18 +350,17 @@ class ExactSearch:
 
     @property
     def cost(self) -> float:
-        """Cost of the path found; inf before."""
+        """Cost of the path found; inf as long as no path is found."""
         return self._open_list.goal_cost
 
     def expand(self, limit: int) -> int:
-        """Expand up to `limit` states, and price missing steps; call again to continue.
+        """Expand up to `limit` states, and price their steps if necessary; call again to continue.
 
         The priced steps are stored in the graph. Its arrays are enlarged if necessary. The call
         holds the lock of the graph's steps until it returns.
 
         Args:
-            limit: Largest number of states to take from the open list. States that are skipped
-                because another state is cheaper count, too.
+            limit: Largest number of states to take from the open list, skipped states included.
 
         Returns:
             SEARCH_PAUSED if the limit is reached, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no
@@ -378,7 +377,7 @@ class ExactSearch:
         return status
 
     def _expand(self, limit: int) -> int:
-        """Call the kernel `expand` once, with the graph's arrays as they are.
+        """Call the kernel `expand` once, without enlarging the graph's arrays.
 
         Returns:
             Result of the kernel `expand`; ARRAYS_FULL if the arrays must be enlarged first.
@@ -402,7 +401,7 @@ class ExactSearch:
         Returns:
             Numbers of the states between start and goal, shape (k - 1,): node · patterns + pattern.
             Numbers of the k steps, shape (k,), as rows of three lists. The first step is a row of
-            `Query.from_start`, also if it is the only one. The last of several steps is a row of
+            `Query.from_start`, even if it is the only step. The last of several steps is a row of
             `Query.to_goal`. All others are rows of the graph's edges.
         """
         way = trace_path_to_goal(self._open_list)

@@ -1,8 +1,8 @@
 """Pricing of the graph's steps: all at once, or posture by posture when a search needs them.
 
-"Pricing" a step means computing its duration and energies. Steps are stored once for each distinct
-posture that they leave. A search expands only a small share of all postures. After a change of the
-machine, only the steps that leave these postures need to be priced.
+"Pricing" a step means computing its duration and energies. States with the same posture share the
+stored steps that leave it. A search expands only a small share of all postures. After a change of
+the machine, only the steps that leave the expanded postures need to be priced.
 """
 
 from __future__ import annotations
@@ -38,19 +38,20 @@ from mhsb_planner.search.s2_step import (
 )
 
 POSTURES_PER_TASK = 128
-"""Number of postures that one thread works on before it takes the next task."""
+"""Number of postures in one task of a thread."""
 
 NOT_PRICED = -1
 """Value of `Edges.first` for a posture whose steps are not priced yet."""
 
 
 class Edges(NamedTuple):
-    """Admissible steps of the graph; steps that leave posture i are first[i] to last[i] - 1.
+    """Admissible steps of the graph; posture i is left by steps first[i] to last[i] - 1.
 
     Attributes:
-        first: First step of each posture, shape (postures,); NOT_PRICED if the steps are unknown.
-        last: One after the last step of each posture, shape (postures,).
-        used: Number of steps stored, shape (1,); rows of the lists beyond it are undefined.
+        first: First step of each posture, shape (postures,); NOT_PRICED if its steps are not
+            priced.
+        last: Last step of each posture plus 1, shape (postures,).
+        used: Number of steps stored, shape (1,). Further rows of the lists are undefined.
         state: State that each step reaches, node · patterns + pattern, shape (room,).
         pattern: Index of the mode combination of each step, shape (room,).
         cost: Cost of each step, shape (room, 3): duration [s], energy by the published model
@@ -72,7 +73,7 @@ class CylinderForces(NamedTuple):
 
     Attributes:
         bare: Forces of the arm without payload, shape (postures or moves, n) [N].
-        for_each_kg: Additional force per payload, shape (postures or moves, n) [N/kg].
+        for_each_kg: Additional force per kilogram of payload, shape (postures or moves, n) [N/kg].
     """
 
     bare: FloatArray
@@ -80,14 +81,15 @@ class CylinderForces(NamedTuple):
 
 
 class StepCostModel(NamedTuple):
-    """Data from which the costs of all steps of a graph follow.
+    """Data from which the costs of all steps of a graph are computed.
 
     Attributes:
         circuit: Hydraulic coefficients of the machine.
         patterns: Mode combinations, shape (patterns, n).
         layout: Numbering of postures, states and moves.
-        postures: Postures with cylinder lengths and forces.
-        middle: Forces at the middle of each move; NaN if the tip leaves the workspace on the way.
+        postures: Postures with their cylinder lengths and forces.
+        middle: Cylinder forces at the middle of each move; NaN if the tip leaves the workspace on
+            the way.
         machine: Arrays of the machine.
         obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
         clearance: Clearance of each posture from the nearest obstacle, shape (postures,) [m]. Empty
@@ -121,7 +123,7 @@ def price_steps(
     inadmissible if a joint that needs boost is not boosted. Combinations that boost further joints
     are admissible only if the neighbour has no other admissible combination.
 
-    The unit tests compare the result with steps computed one by one in plain NumPy.
+    Test oracle: steps computed one by one in plain NumPy.
 
     Args:
         cost_model: Postures, forces, obstacles and hydraulic numbers of the graph.
@@ -133,10 +135,10 @@ def price_steps(
         cost: Duration [s], energy by the published model (`paper`) [J] and energy with the pumps in
             series (`series`) [J] of each step, shape (room, 3). Written in place from index `found`
             on. All three lists need room for `compute_max_step_count` more steps.
-        found: Number of steps that the lists contain before the call.
+        found: Number of steps in the lists before the call.
 
     Returns:
-        Number of steps that the lists contain after the call.
+        Number of steps in the lists after the call.
     """
     layout, patterns = cost_model.layout, cost_model.patterns
     bare, for_each_kg = cost_model.middle
@@ -174,21 +176,20 @@ def price_steps(
 
 @kernel(inline="always")
 def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
-    """Mark each move to a node's postures if it brings the arm too near to an obstacle.
+    """Mark the moves to a node's postures that bring the arm too near to an obstacle.
 
-    A move between two clear postures is collision-free if the sum of their clearances is at least
-    the distance that the arm travels. A move from a clear posture to one that is too near is marked
-    without a check. All other moves are checked along the way. Moves that are marked already are
-    skipped.
+    A move between two clear postures is clear if the sum of their clearances is at least the
+    distance that the arm travels. A move from a clear posture to a posture too near to an obstacle
+    is marked unchecked. All other moves are checked along the way, unless they are marked already.
 
     Args:
         t: Postures, clearances and obstacles of the graph. Clearances are negative if a posture is
             too near.
-        i: Number of the posture in which the moves start.
+        i: Number of the posture that the moves leave.
         first: Number of the first posture of the node that is reached.
         count: Number of postures of that node.
         middle: Forces at the middle of each move, shape (count or more, n) [N]. If the move to
-            posture first + k is not clear, middle[k, 0] is set to NaN in place.
+            posture `first` + k is not clear, middle[k, 0] is set to NaN in place.
     """
     posture, here = t.layout.posture, t.clearance[i]
     for k in range(count):
@@ -209,15 +210,15 @@ def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: F
 def _price_range(
     t: StepCostModel, missing: IntArray, leaving: IntArray, begin: int, end: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Price the steps that start in a range of postures, and return them in new arrays.
+    """Price the steps that leave a range of postures, and return them in new arrays.
 
     Args:
         t: Postures, forces, obstacles and hydraulic numbers of the graph.
         missing: Numbers of the postures whose steps are not priced yet.
-        leaving: Number of steps that start in each posture of `missing`, aligned with it. Entries
-            begin to end - 1 are written in place.
+        leaving: Number of steps that leave each posture of `missing`, in the same order. Entries
+            `begin` to `end` - 1 are written in place.
         begin: First index into `missing` to work on.
-        end: One after the last index into `missing`.
+        end: Last index into `missing`, plus 1.
 
     Returns:
         Three arrays of the admissible steps, sorted by posture in the order of `missing`:
@@ -249,7 +250,7 @@ def compute_max_step_count(layout: Layout, patterns: ModeArray) -> int:
         patterns: Mode combinations, shape (patterns, n).
 
     Returns:
-        Largest number of neighbours of a node times number of mode combinations.
+        Number of neighbours that a node can have, times number of mode combinations.
     """
     return layout.neighbors.shape[1] * len(patterns)
 
@@ -264,23 +265,22 @@ def _compute_move_forces(
     begin: int,
     end: int,
 ) -> None:
-    """Compute the cylinder forces at the middle of the moves that start in a range of postures.
+    """Compute the cylinder forces at the middle of the moves that leave a range of postures.
 
     A move leads straight in joint space from a posture to a posture of a neighbouring node. The
-    moves that start in the postures `begin` to `end` - 1 are computed. The rows of a move become
-    NaN if the tip is outside the workspace anywhere on the way. The unit tests compare the result
-    with `compute_middle_forces`.
+    rows of a move become NaN if the tip leaves the workspace on the way. Test oracle:
+    `compute_middle_forces`.
 
     Args:
         empty: Arrays of the machine without payload.
         one_kg: Arrays of the machine with a payload of 1 kg.
         layout: Numbering of postures and moves.
-        bare: Forces without payload, shape (moves, n) [N]. The rows of the moves are written in
-            place.
-        for_each_kg: Additional force per payload, shape (moves, n) [N/kg]. The rows of the moves
-            are written in place.
-        begin: Number of the first posture.
-        end: One after the number of the last posture.
+        bare: Forces without payload, shape (moves, n) [N]. The rows of the computed moves are
+            written in place.
+        for_each_kg: Additional force per kilogram of payload, shape (moves, n) [N/kg]. The rows of
+            the computed moves are written in place.
+        begin: Number of the first posture in the range.
+        end: Number of the last posture in the range, plus 1.
     """
     n = layout.posture.shape[1]
     middle = np.empty(n)
@@ -313,8 +313,8 @@ def compute_posture_forces(m: MachineArrays, layout: Layout) -> CylinderForces:
         layout: Numbering of the distinct postures of a posture table.
 
     Returns:
-        Forces of the arm without payload [N] and additional forces per payload [N/kg], each of
-        shape (postures, n).
+        Forces of the arm without payload [N], and additional forces per kilogram of payload [N/kg],
+        each of shape (postures, n).
     """
     bare, loaded = (
         describe_postures(m._replace(payload=payload), layout.posture).force
@@ -336,9 +336,9 @@ def compute_move_forces(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Forces of the arm without payload [N] and additional forces per payload [N/kg], each of
-        shape (moves, n), in the order of the move numbers. Rows of moves on which the tip leaves
-        the workspace are NaN.
+        Forces of the arm without payload [N], and additional forces per kilogram of payload [N/kg],
+        each of shape (moves, n), in the order of the move numbers. Rows of moves on which the tip
+        leaves the workspace are NaN.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -351,17 +351,17 @@ def compute_move_forces(
 
 
 class PricedSteps:
-    """Store of a graph's steps, priced when they are needed; several threads may use it at once.
+    """Store of a graph's steps; each is priced when needed, and several threads may use the store.
 
     Attributes:
-        edges: Steps priced so far. Its arrays are replaced when they become too small, and steps
+        edges: Steps priced so far. Its arrays are replaced by larger ones when they are full; steps
             keep their numbers.
         cost_model: Data from which step costs are computed.
         complete: True if all steps are priced.
     """
 
     def __init__(self, terms: StepCostModel, jobs: int | None, room: int = 0) -> None:
-        """Prepare the store of the graph's steps without pricing any.
+        """Prepare the store of the graph's steps without pricing a step.
 
         Args:
             terms: Postures, forces, obstacles and hydraulic numbers from which step costs are
@@ -384,10 +384,10 @@ class PricedSteps:
         )
 
     def guard(self) -> AbstractContextManager[object]:
-        """Return a context manager that keeps other threads from adding steps to `edges`.
+        """Return a context manager that stops other threads from adding steps to `edges`.
 
         Returns:
-            The lock of this object. If all steps are priced, a context manager without effect.
+            The lock of this object; a context manager without effect if all steps are priced.
         """
         return nullcontext() if self.complete else self._lock
 
@@ -411,8 +411,8 @@ class PricedSteps:
     def price(self, postures: IntArray, deadline: Deadline = NO_DEADLINE) -> None:
         """Price the steps that leave given postures, and add them to `edges`.
 
-        Postures whose steps are priced already are skipped. The call holds the lock `guard()` and
-        works in parallel threads.
+        Postures whose steps are already priced are skipped. The call holds the lock `guard()`, and
+        prices in parallel threads.
 
         Args:
             postures: Numbers of the postures.
@@ -461,10 +461,11 @@ def _run_in_parallel(
 
     Args:
         work: Function of (begin, end); end is excluded.
-        total: Number of indices. The ranges cover 0 to total - 1, POSTURES_PER_TASK at a time.
+        total: Number of indices. The ranges cover 0 to `total` - 1, with POSTURES_PER_TASK indices
+            each.
         jobs: Number of threads; None means one per processor.
-        deadline: Instant at which the work is given up, checked after each range. Ranges that have
-            not begun are then dropped.
+        deadline: Instant at which the work is given up, checked after each range. Ranges not yet
+            begun are dropped.
 
     Returns:
         Results in the order of the ranges; empty if `total` is 0.

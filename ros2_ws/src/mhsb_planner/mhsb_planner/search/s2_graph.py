@@ -1,10 +1,10 @@
 """The explicit graph of the search: every step between neighbouring nodes, with its cost.
 
 A state is a node and the mode combination in which it was reached; the table gives its posture.
-Many combinations of a node share a posture. A step depends on its start only through the posture,
-so steps are stored once for each distinct posture. The graph does not depend on cost weights and
-energy reading; the search applies them. For another payload, supply pressure, V_max or set of zones
-the table is kept, and a step is priced again when a search needs it.
+Many combinations of a node share a posture. The steps that leave a state depend only on its
+posture, so they are stored once for each distinct posture. The graph does not depend on cost
+weights and energy reading; the search applies them. For another payload, supply pressure, V_max or
+set of zones the table is kept. Each step is then priced again when a search needs it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PostureRule = Callable[[Machine, float, float, Deadline], FloatArray]
 position.
 
 x and z in m; the result has the shape (patterns, n) [rad or m]. It raises InfeasibleGoalError if
-there is no posture, and DeadlineError.
+there is no posture, and DeadlineError after the deadline.
 """
 
 
@@ -49,7 +49,7 @@ def find_largest_polytope_postures(
     limits) has the largest area. The posture table is built by the same rule.
 
     Args:
-        machine: Machine whose posture is wanted.
+        machine: Machine whose postures are wanted.
         x: Tip position forward [m].
         z: Tip position upward [m].
         deadline: Instant at which the work is given up.
@@ -76,8 +76,8 @@ class StepGraph:
         machine: Machine that moves.
         table: Posture table.
         jobs: Number of threads for pricing steps; None means one per processor.
-        posture_rule: Rule by which the table's postures were chosen; it gives postures at points
-            off the grid.
+        posture_rule: Rule by which the table's postures were chosen; it also gives postures between
+            the nodes.
         grid: Grid of the table's nodes.
         layout: Distinct postures and the states that share them.
         switches: Number of actuators that change between two combinations, shape (patterns,
@@ -85,7 +85,7 @@ class StepGraph:
         circuit: Hydraulic coefficients of the machine.
         postures: The layout's postures, with cylinder lengths, and with forces under the machine's
             payload.
-        steps: Store of the steps and their costs; not all need be priced.
+        steps: Store of the steps and their costs; steps may be unpriced.
     """
 
     def __init__(
@@ -103,11 +103,11 @@ class StepGraph:
 
         Args:
             machine: Machine that moves.
-            table: Posture table of this machine, or of one that differs only in payload, supply
-                pressure, V_max, zones and number of booster modules.
+            table: Posture table of this machine, or of a machine that differs only in payload,
+                supply pressure, V_max, zones and number of booster modules.
             jobs: Number of threads; None means one per processor.
-            posture_rule: Rule by which the table's postures were chosen; it gives the postures at
-                points off the grid.
+            posture_rule: Rule by which the table's postures were chosen; it also gives postures
+                between the nodes.
             grid: Grid of the table's nodes if it exists already; None builds it.
             deadline: Instant at which the work is given up.
 
@@ -128,11 +128,11 @@ class StepGraph:
         self.steps.price_all(deadline)
 
     def _set_machine(self, machine: Machine, room: int) -> None:
-        """Set the machine, and all that follows from its payload, P_S, V_max, zones and modules.
+        """Set the machine, and update all data that depend on it.
 
         Args:
             machine: Machine that moves.
-            room: Number of steps for which memory is reserved. No step is priced yet.
+            room: Number of steps for which memory is reserved. No step is priced.
         """
         arrays, obstacles = machine.arrays, machine.obstacles.path_rows
         self.machine = machine
@@ -190,7 +190,7 @@ class StepGraph:
             machine: Machine with another payload, supply pressure, V_max or other zones.
 
         Returns:
-            A graph that shares all unchanged data with this one. Its steps are priced when they are
+            New graph; it shares all unchanged data with this graph. Its steps are priced when
             needed.
         """
         changed = copy(self)
@@ -198,7 +198,7 @@ class StepGraph:
         return changed
 
     def _clearance(self, obstacles: FloatArray) -> FloatArray:
-        """Compute the clearance of each posture of the graph, beyond the margin.
+        """Compute the clearance of each posture of the graph from the nearest obstacle.
 
         Args:
             obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.

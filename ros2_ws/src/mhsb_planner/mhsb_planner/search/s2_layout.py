@@ -13,10 +13,10 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
 class Layout(NamedTuple):
-    """Numbers of the distinct postures, of the states that share them, and of the moves.
+    """Numbers of the distinct postures, of the states that share them, and of all moves.
 
-    State number: node · patterns + pattern. Moves are numbered by the posture that they leave, then
-    by neighbouring node, then by that node's postures.
+    State number: node · patterns + pattern. Moves are numbered in the order of the posture that
+    they leave, then of the neighbouring node, then of the posture that they reach there.
 
     Attributes:
         posture: Distinct postures, node by node, shape (postures, n) [rad or m].
@@ -25,7 +25,7 @@ class Layout(NamedTuple):
         posture_of_state: Posture of each state, shape (nodes, patterns); -1 if the node is
             infeasible.
         neighbors: Neighbours of each node, shape (nodes, 8); -1 if there is none.
-        move: Number of the first move that starts in each posture, shape (postures + 1,).
+        move: Number of the first move that leaves each posture, shape (postures + 1,).
     """
 
     posture: FloatArray
@@ -40,7 +40,7 @@ class Layout(NamedTuple):
 def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> int:
     """Find the distinct postures of a posture table, and number them.
 
-    A state is a node with a mode combination. Equal postures of one node are one posture. The
+    A state is a node with a mode combination. Equal postures of one node get one number. The
     numbers ascend by node, then by the first combination that has the posture.
 
     Args:
@@ -48,10 +48,10 @@ def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> 
         owner: Posture number of each state, shape (nodes, patterns); -1 if infeasible. Written in
             place.
         first_of: First state that has each posture, as node · patterns + pattern. Written in place;
-            it has room for nodes · patterns entries.
+            the array has room for nodes · patterns entries.
 
     Returns:
-        Number of distinct postures, which is the number of valid entries of `first_of`.
+        Number of distinct postures. The first entries of `first_of`, this many, are valid.
     """
     nodes, patterns, n = table.shape
     count = 0

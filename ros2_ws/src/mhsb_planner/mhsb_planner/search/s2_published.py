@@ -1,14 +1,15 @@
 """The search as published (paper, Section 2.2): A* over the nodes with one label for each node.
 
-A label is the cheapest path found to a node: its cost, and the mode combination of arrival, for
-which the table has one posture. Steps leave the label's posture in every admissible combination;
-the cheapest one counts. Labels are taken in the order of
+A label stands for the cheapest path found to a node: its cost, and the mode combination of arrival,
+for which the table has one posture. Steps in all admissible combinations leave this posture; the
+cheapest step to each node counts. Labels are taken in the order of
 
     w₁ Σ E + w₂ Σ T + w₃ switches + H,    H = scale · |goal − node|
 
-and are final once taken. The method has two known defects. The cost of the next step also depends
-on posture and modes. The best path to a node is therefore not always part of the best path beyond
-the node. H is a scaled distance, which bounds no cost at any scale. `s2_astar` has neither defect.
+and are final once taken. The method has two known defects. First, the cost of the next step depends
+on posture and modes at the node. The cheapest path to the node is therefore not always part of the
+cheapest path beyond it. Second, H is a scaled distance, which is no lower bound on the cost at any
+scale. `s2_astar` has neither defect.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ class SearchEdge(NamedTuple):
     Attributes:
         parent: State that the step leaves; None means the start.
         state: State that the step reaches; None means the goal.
-        step: Row of the step in one of the three lists that `Search.trace_path` names.
+        step: Row of the step in its list: steps from the start, steps to the goal, or steps of the
+            graph.
     """
 
     parent: int | None
@@ -49,10 +51,9 @@ class SearchEdge(NamedTuple):
 class PublishedSearch:
     """The published search: A* that keeps one label (cheapest path found) for each node.
 
-    The goal counts as one more node, the last.
+    The goal has the index after the last node.
 
-    The unit tests compare it with the same search written with dictionaries, on steps whose costs
-    follow the equations.
+    Test oracle: the same search written with dictionaries, with step costs from the equations.
     """
 
     first_portion, portion = 5, 100
@@ -85,14 +86,14 @@ class PublishedSearch:
 
     @property
     def cost(self) -> float:
-        """Cost of the path found; inf before."""
+        """Cost of the path found; inf as long as no path is found."""
         return self._cost[self._goal]
 
     def expand(self, limit: int) -> int:
         """Expand up to `limit` labels of the A* search; call again to continue.
 
-        A label is the cheapest path found to a node: its cost and its last step. It is final after
-        it has been taken from the open list. The first call expands the start.
+        A label is the cheapest path found to a node: its cost and its last step. A label is final
+        once it is taken from the open list. The first call expands the start.
 
         Args:
             limit: Largest number of labels to expand.
@@ -120,8 +121,8 @@ class PublishedSearch:
         Returns:
             Numbers of the states between start and goal, shape (k - 1,). The state of combination p
             (of P combinations) at a node has the number node · P + p. Numbers of the k steps, shape
-            (k,), as rows of three lists. The first step is a row of `Query.from_start`, also if it
-            is the only one. The last of several steps is a row of `Query.to_goal`. All others are
+            (k,), as rows of three lists. The first step is a row of `Query.from_start`, even if it
+            is the only step. The last of several steps is a row of `Query.to_goal`. All others are
             rows of the graph's edges.
         """
         link = self._best_edge[self._goal]
@@ -149,7 +150,7 @@ class PublishedSearch:
         return None
 
     def _expand_start(self) -> None:
-        """Relax all steps that start in the start.
+        """Relax all steps that leave the start: record every cheaper path that they give.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
         cheaper. A label is the cost of the cheapest path found to a node, and its last step. The
@@ -165,11 +166,11 @@ class PublishedSearch:
             self._relax(SearchEdge(None, None if state == NO_STATE else state, step), cost)
 
     def _expand_label(self, node: int) -> None:
-        """Relax all steps that start in a node whose label is final.
+        """Relax all steps that leave a node with a final label: record every cheaper path.
 
         A label is the cost of the cheapest path found to a node, and its last step. This step
         arrives in one mode combination, and the table has one posture for this combination. The
-        steps start in this posture, and mode switches count from this combination.
+        steps leave this posture, and mode switches count from this combination.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
         cheaper. That path costs as much as this node's label plus the step and its mode switches.
@@ -205,7 +206,7 @@ class PublishedSearch:
                 (`paper`) [J], energy with the pumps in series (`series`) [J].
 
         Returns:
-            Weighted costs in the energy reading of the problem, without mode switches, shape
+            Weighted costs without mode switches, in the energy reading of the problem, shape
             (steps,) [-].
         """
         weight = self._query.weight
@@ -215,8 +216,8 @@ class PublishedSearch:
         """Replace a node's label if the path over a given step to this node is cheaper.
 
         A label has the cost of the cheapest path to a node, and the last step of this path. A final
-        label is not replaced, and neither is a label of equal cost. The step counts as generated. A
-        new label is put on the open list.
+        label stays, and a label of equal cost stays. The step counts as generated. A new label is
+        put on the open list.
 
         Args:
             link: Step that reaches the node or the goal.

@@ -42,7 +42,7 @@ class Search(Protocol):
 
     @property
     def cost(self) -> float:
-        """Cost of the path found; inf before."""
+        """Cost of the path found; inf as long as no path is found."""
 
     def expand(self, limit: int) -> int:
         """Expand up to `limit` states; call again to continue.
@@ -59,7 +59,7 @@ class Search(Protocol):
         """Return the states and steps of the path found.
 
         The numbers of steps are rows of three lists. The first step is a row of `Query.from_start`,
-        also if it is the only one. The last of several steps is a row of `Query.to_goal`. All
+        even if it is the only step. The last of several steps is a row of `Query.to_goal`. All
         others are rows of the graph's edges.
 
         Returns:
@@ -78,9 +78,9 @@ class Query:
         start_modes: Modes in force at the start, shape (n,).
         goal: Admissible postures of the goal.
         weight: Weights of energy [1/J], time [1/s] and mode switches [-], shape (3,).
-        energy_column: Column of step costs with the energy that counts, ENERGY_PAPER_COLUMN or
+        energy_column: Column of the energy in step costs, ENERGY_PAPER_COLUMN or
             ENERGY_SERIES_COLUMN.
-        from_start: Steps that start in the start.
+        from_start: Steps that leave the start.
         start_switches: Number of actuators that change their mode from `start_modes` to each
             combination, shape (patterns,).
         to_goal: Steps to the goal, sorted by the posture that they leave.
@@ -122,7 +122,7 @@ class Query:
             column: Energy that the cost contains: ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN
                 (energy readings `paper` and `series`).
             rings: Start and goal are joined to the corner nodes of their grid cells, and to this
-                number of further rings of nodes around the corners.
+                number of rings of nodes around the corners.
             deadline: Instant at which the work is given up.
 
         Returns:

@@ -1,7 +1,7 @@
 """Search for the discrete path and its modes (paper, step S2), `exact` or as `published`.
 
 The exact search (`s2_astar`) finds the cheapest path. The published search (`s2_published`) keeps
-one label per node and may miss it.
+one path per node and may miss the cheapest path.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ SEARCH_METHODS: tuple[SearchMethod, ...] = ("exact", "published")
 NODE_RINGS = (0, 1)
 """Numbers of rings of nodes to which start and goal are joined, in the order of trial.
 
-With 0, start and goal are joined to the corners of their grid cells. If that gives no path, the
-nodes in one ring around the corners are added.
+With 0 rings, start and goal are joined to the corners of their grid cells. If the search then finds
+no path, the nodes in one ring around the corners are added.
 """
 
 SAME_POINT = 1e-6
@@ -85,8 +85,8 @@ class PathQuery:
         start_modes: Modes in force at the start, shape (n,).
         goal_xz: Tip position of the goal, (x, z) [m].
         weights: Weights of energy [1/J], time [1/s] and switches [-].
-        energy_reading: Formula by which the cost prices boosted oil, `paper` or `series`.
-        goal_psi: End-link angle at the goal [rad]. A pair is a range; None leaves it free.
+        energy_reading: Formula for the energy of boosted oil in the cost, `paper` or `series`.
+        goal_psi: End-link angle at the goal [rad]. A pair is a range; None leaves the angle free.
     """
 
     start_posture: FloatArray
@@ -107,21 +107,21 @@ def search(
 ) -> DiscretePath:
     """Search for a discrete path from a start posture to a tip position.
 
-    Start and goal are first joined to the corners of their grid cells. If that gives no path, they
+    Start and goal are first joined to the corners of their grid cells. If no path is found, they
     are also joined to the next ring of nodes. Missing step costs are computed and stored in the
-    graph. A start at the goal gives a path without steps.
+    graph. If the start is at the goal, the path has no steps.
 
     Args:
         graph: Graph of the steps between workspace nodes.
         query: Start posture, modes in force, goal, cost weights and energy reading. If the goal has
             a range of end-link angles, samples of the range are tried.
         method: `exact` finds the cheapest path. `published` keeps only one path per node and may
-            miss it.
+            miss the cheapest path.
         heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
         deadline: Instant at which an unfinished search is given up.
 
     Returns:
-        The path, the cheapest one if `method` is `exact`.
+        The path; if `method` is `exact`, the cheapest path.
 
     Raises:
         OutOfWorkspaceError: The goal is outside the workspace.
@@ -165,7 +165,7 @@ def _create_search(query: Query, method: str, heuristic_scale: float, deadline: 
         deadline: Instant at which the pricing of steps is given up.
 
     Returns:
-        A search that has expanded nothing.
+        A search that has not yet expanded any state.
 
     Raises:
         RequestError: The method or the scale is invalid.
@@ -220,9 +220,9 @@ def _check_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
 
 
 def warm_up(graph: StepGraph) -> None:
-    """Compile the kernels that an exact search runs through.
+    """Compile the kernels of the exact search.
 
-    Two short searches are run: one to a goal that is a node, and one with a given end-link angle.
+    Two short searches are run: one with a node as goal, and one with a given end-link angle.
 
     Args:
         graph: Graph on which the searches run.

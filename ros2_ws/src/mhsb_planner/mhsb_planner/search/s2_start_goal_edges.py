@@ -50,7 +50,7 @@ class SearchStart:
 
     Attributes:
         tip: Tip position (x, z) [m].
-        postures: Description of the start posture, with one row.
+        postures: Start posture with its cylinder lengths and forces, in one row.
     """
 
     tip: tuple[float, float]
@@ -62,17 +62,18 @@ class SearchGoal:
     """Admissible end postures of a search, in groups.
 
     A group holds one posture for each combination, and combinations may share a posture. A goal
-    without end-link angle has one group. With an end-link angle each posture is a separate group.
+    without a given end-link angle has one group. With a given end-link angle each posture is a
+    group of its own, for all combinations.
 
     Attributes:
         tip: Tip position (x, z) [m].
-        node: Node of the graph whose postures these are; None if the goal is between nodes, or has
-            an end-link angle.
-        postures: Descriptions of the admissible postures.
+        node: Node of the graph that the goal lies on; None if the goal is between nodes, or has a
+            given end-link angle.
+        postures: Admissible postures with their cylinder lengths and forces.
         first: Postures of group g are first[g] to first[g + 1] - 1, shape (groups + 1,).
         owner: Index of the posture in which a step of each combination ends, shape (groups,
-            patterns). This array and `first` are read-only like the graph's arrays, so that kernels
-            are compiled once for both.
+            patterns). `owner` and `first` are read-only like the graph's arrays. Kernels are
+            therefore compiled only once for arrays of both.
     """
 
     tip: tuple[float, float]
@@ -123,21 +124,20 @@ def create_goal(
 ) -> SearchGoal:
     """Create the goal of a search: the admissible postures at a tip position.
 
-    Without an end-link angle every mode combination has its own posture. At a node it comes from
-    the posture table, elsewhere from the graph's posture rule. With an end-link angle all postures
-    with that angle are admissible in any combination.
+    Without a given end-link angle each mode combination has one admissible posture. At a node the
+    posture table gives it, elsewhere the graph's posture rule. With a given angle all postures with
+    this angle are admissible in any combination.
 
     Args:
         graph: Graph that gives machine, grid and posture rule.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        psi: End-link angle [rad]. A pair is a range; it is sampled with distances of at most
+        psi: End-link angle [rad]. A pair is a range, sampled in steps of at most
             `GOAL_PSI_SPACING`. None leaves the angle free.
         deadline: Instant at which the work is given up.
 
     Returns:
-        Goal with its postures. Some of them may be too near to an obstacle; steps to these are
-        inadmissible.
+        Goal with its postures. Steps to postures too near to an obstacle are inadmissible.
 
     Raises:
         OutOfWorkspaceError: The point is outside the workspace.
@@ -178,8 +178,8 @@ def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> Sea
         node: Index of the node.
 
     Returns:
-        Goal with one group of postures: the node's distinct postures. Some may be too near to an
-        obstacle; steps to these are inadmissible.
+        Goal with one group of postures: the node's distinct postures. Steps to postures too near to
+        an obstacle are inadmissible.
 
     Raises:
         InfeasibleGoalError: The node has no posture within joint limits.
@@ -198,9 +198,10 @@ def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> Sea
 def find_postures_by_rule(
     graph: StepGraph, x: float, z: float, deadline: Deadline = NO_DEADLINE
 ) -> FloatArray:
-    """Return the posture of each mode combination at a tip position, from table or posture rule.
+    """Return the posture of each mode combination at a tip position.
 
-    At a node these are the table's postures. Elsewhere the graph's `posture_rule` computes them.
+    At a node the posture table gives the postures; elsewhere the graph's `posture_rule` computes
+    them.
 
     Args:
         graph: Graph that gives table and posture rule.
@@ -226,19 +227,20 @@ def find_postures_by_rule(
 def compute_steps_from_start(
     graph: StepGraph, start: SearchStart, goal: SearchGoal, rings: int = 0
 ) -> JoiningSteps:
-    """Compute the admissible steps from the start to the nodes around it, and to a near goal.
+    """Compute the admissible steps from the start to the nodes around it, and to a goal nearby.
 
     The nodes are the corners of the start's grid cell, and `rings` further rings around them. If
-    the goal lies in the same cell, the steps from the start to the goal come last. A step is
+    the goal lies in the same cell, steps from the start to the goal are added at the end. A step is
     inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle. It is
     also inadmissible if a joint that needs boost is not boosted. A mode combination that also
-    boosts a joint without need is admissible only if a node has no other admissible combination.
+    boosts a joint without need is admissible only if no other combination is admissible for the
+    node.
 
     Args:
         graph: Graph whose nodes are reached.
         start: Start of the search.
         goal: Goal of the search.
-        rings: Number of further rings of nodes; 0 means the corners alone.
+        rings: Number of rings of nodes around the corners; 0 means the corners alone.
 
     Returns:
         One step for each reached node and admissible combination, with duration [s] and energies in
@@ -265,12 +267,12 @@ def compute_steps_to_goal(
     Args:
         graph: Graph whose postures the steps leave.
         goal: Goal of the search.
-        rings: Number of further rings of nodes; 0 means the corners alone.
+        rings: Number of rings of nodes around the corners; 0 means the corners alone.
         deadline: Instant at which the work is given up.
 
     Returns:
-        Steps, sorted by the posture that they leave, and an index `first` of shape (postures + 1,).
-        Steps that leave posture i are first[i] to first[i + 1] - 1.
+        Steps, sorted by the posture that they leave, and an array `first` of shape (postures + 1,).
+        Posture i is left by steps first[i] to first[i + 1] - 1.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -297,10 +299,10 @@ def _list_ranges(first: IntArray, last: IntArray) -> IntArray:
 
     Args:
         first: First number of each range, shape (ranges,).
-        last: Number after the last one of each range, shape (ranges,).
+        last: Last number of each range plus 1, shape (ranges,).
 
     Returns:
-        The numbers first[0] to last[0] - 1, then those of the next range, and so on.
+        The numbers first[0] to last[0] - 1, then first[1] to last[1] - 1, and so on.
     """
     count = last - first
     return np.arange(count.sum()) + np.repeat(last - np.cumsum(count), count)
@@ -314,12 +316,11 @@ def _collect_steps_to_goal_node(
     Args:
         graph: Graph; its steps that leave `origins` must be priced.
         goal: Goal of the search, which is a node.
-        origins: Numbers of the graph's postures whose steps are examined. A node has one or more
-            postures.
+        origins: Numbers of the graph's postures whose steps are examined.
 
     Returns:
-        Steps in the order of `origins`. The field `origin` is the number of the posture from
-        which the step starts, `end` the index of the goal posture, and `state` NO_STATE.
+        Steps in the order of `origins`. The field `origin` is the number of the posture that the
+        step leaves, `end` the index of the goal posture, and `state` NO_STATE.
     """
     edges = graph.steps.edges
     first, last = edges.first[origins], edges.last[origins]
@@ -337,13 +338,14 @@ def _compute_steps_to_nodes(
 
     Args:
         cost_model: Machine, obstacles, postures and states of the graph.
-        start: Description of the start; only its first posture counts.
+        start: Start posture with its cylinder lengths and forces, in row 0; further rows are
+            ignored.
         nodes: Indices of the nodes to reach.
 
     Returns:
         One step for each node and admissible combination, in the order of `nodes`. The field
-        `state` is the state that is reached (node · patterns + pattern). The fields `origin` and
-        `end` are NO_STATE.
+        `state` is the state that the step reaches (node · patterns + pattern). The fields `origin`
+        and `end` are NO_STATE.
     """
     layout = cost_model.layout
     _, node, pattern, cost = _price_steps(
@@ -367,13 +369,13 @@ def _compute_steps_to_goal(
 
     Args:
         cost_model: Machine, obstacles and mode combinations of the graph.
-        start: Descriptions of the postures that steps may leave.
+        start: Postures that steps may leave, with their cylinder lengths and forces.
         origins: Rows of `start` for which steps are computed.
         goal: Goal of the search.
 
     Returns:
-        Steps in the order of `origins`. The field `origin` is the step's row in `start`,
-        `end` the index of the goal posture, and `state` NO_STATE.
+        Steps in the order of `origins`. The field `origin` is the row of `start` that the step
+        leaves, `end` the index of the goal posture, and `state` NO_STATE.
     """
     groups = np.arange(len(goal.owner))
     origin, group, pattern, cost = _price_steps(
@@ -395,18 +397,18 @@ def _price_steps(
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Compute the admissible steps from given postures to groups of postures.
 
-    A group assigns a posture to each mode combination, and combinations may share a posture. A node
-    is a group, and a goal has one or more. A step is inadmissible if the tip leaves the workspace
-    or the arm comes too near to an obstacle. It is also inadmissible in a mode combination without
-    boost for a joint that needs it. Combinations that boost a joint without need are admissible
-    only if the group has no other admissible combination.
+    A group assigns a posture to each mode combination, and combinations may share a posture. The
+    postures of a node are a group; a goal has one or more groups. A step is inadmissible if the tip
+    leaves the workspace or the arm comes too near to an obstacle. It is also inadmissible in a mode
+    combination without boost for a joint that needs it. Combinations that boost a joint without
+    need are admissible only if no other combination is admissible for the group.
 
     Args:
         cost_model: Machine, obstacles and mode combinations of the graph.
-        start: Descriptions of the postures that steps may leave.
+        start: Postures that steps may leave, with their cylinder lengths and forces.
         origins: Rows of `start` for which steps are computed.
         groups: Numbers of the groups to reach.
-        end: Descriptions of the postures of all groups.
+        end: Postures of all groups, with their cylinder lengths and forces.
         first: Postures of group g are first[g] to first[g + 1] - 1, shape (all groups + 1,).
         owner: Row of `end` for each group and combination, shape (all groups, patterns).
 
@@ -414,9 +416,9 @@ def _price_steps(
         Four arrays with a row for each step, in the order of `origins`, then of `groups`:
 
         - Row of `start` that the step leaves.
-        - Number of the group that it reaches.
-        - Index of its mode combination.
-        - Its cost, shape (steps, 3), with the columns of `JoiningSteps.cost`.
+        - Number of the group that the step reaches.
+        - Index of the step's mode combination.
+        - Cost of the step, shape (steps, 3), with the columns of `JoiningSteps.cost`.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     scratch, count = create_step_buffers(patterns), len(patterns)

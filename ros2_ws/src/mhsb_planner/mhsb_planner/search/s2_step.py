@@ -18,10 +18,10 @@ is inadmissible beyond the highest boost pressure. It is also inadmissible if th
 workspace on the way, or if the arm comes too near to an obstacle. A cylinder that moves by no more
 than `MAX_HELD_STROKE` is held by its closed valve and needs nothing.
 
-A cylinder that is held for long may need boost as well. If `HydraulicCoefficients.rest_speed` is
-above 0, a cylinder slower than that is at rest. It needs boost if p_L + margin of its load exceeds
-P_S at start, middle or end of the step. If p_L + margin is beyond the highest boost pressure, its
-valve alone holds it.
+A cylinder that is held for long may also need boost. `HydraulicCoefficients.rest_speed` is the
+speed up to which a cylinder counts as held; 0 switches this rule off. A held cylinder needs boost
+if p_L + margin exceeds P_S at start, middle or end of the step. If p_L + margin is beyond the
+highest boost pressure, the closed valve holds the cylinder without boost.
 
     E = Σ_j price_j (A_dir |ΔL_j| + q_leak,j T), load taken at the middle of the step
 
@@ -35,8 +35,8 @@ In shared boost the most loaded actuator sets p_supply of the rail. Boosted oil 
 than P_S, since the main pump feeds the servo pumps. Source: paper, Section 2.2.
 
 A valve leaks as in `hydraulics.compute_valve_leakage`, at p_supply at the middle of the step with
-m(V_max). The valve's leakage counts in T and in the reading `series`. In the reading `paper` the
-leakage in E is that at P_S in every mode. The reading `series` also counts the slip of the servo
+m(V_max). The valve's leakage counts in T and in the reading `series`. In the reading `paper`, E
+counts the leakage at P_S in every mode. The reading `series` also counts the slip of the servo
 pumps (`hydraulics.compute_slip_flow`): oil that they must raise to p_supply again.
 """
 
@@ -70,8 +70,7 @@ DURATION_COLUMN, ENERGY_PAPER_COLUMN, ENERGY_SERIES_COLUMN = 0, 1, 2
 """Columns of a step's cost: duration T [s], energy E paper [J], energy E series [J]."""
 
 NO_PATTERN = -1
-"""Bit mask of joints that must be boosted, with all bits set: no mode combination boosts them all.
-"""
+"""Bit mask `must_boost` of an inadmissible move: all bits are set, so no combination matches."""
 
 EnergyReading = Literal["paper", "series"]
 """Formula for the energy of boosted oil: `paper` is the published one, `series` has main and servo
@@ -81,7 +80,7 @@ ENERGY_COLUMN: dict[str, int] = {"paper": ENERGY_PAPER_COLUMN, "series": ENERGY_
 
 
 class Postures(NamedTuple):
-    """Postures with their cylinder lengths and forces: the data that step costs are computed from.
+    """Postures with their cylinder lengths and forces, from which step costs are computed.
 
     Attributes:
         posture: Joint positions, shape (count, n) [rad or m].
@@ -113,7 +112,7 @@ def describe_postures(m: MachineArrays, posture: FloatArray) -> Postures:
 
 
 class HydraulicCoefficients(NamedTuple):
-    """Constants of a machine from which step costs and lower bounds follow.
+    """Constants of a machine from which step costs and lower bounds are computed.
 
     Direction 0 is extension, 1 retraction. The pressure of
     `hydraulics.compute_pressure_without_margin` is p_L + m(v) = load · per_area + outlet_pressure +
@@ -122,13 +121,12 @@ class HydraulicCoefficients(NamedTuple):
     Attributes:
         supply_pressure: Supply pressure P_S of the main pump [Pa].
         max_boost_pressure: Highest boost pressure [Pa].
-        boost_margin: Pressure that a boosted supply must have beyond p_L + m(v) [Pa]; also the
-            reserve that mode N must keep.
+        boost_margin: Margin of the supply pressure above p_L + m(v), with boost and in mode N [Pa].
         tank_pressure: Tank pressure p_T [Pa].
         shared_flow: Main pump flow minus the leakage with all joints in mode N [m³/s].
         leakage_flow: Leakage of one valve at P_S [m³/s].
         land_leakage: Share of `leakage_flow` over the lands of the spool [-].
-        idle_leakage: Leakage of further valves, which serve none of the n joints [m³/s].
+        idle_leakage: Leakage of valves that serve none of the n joints [m³/s].
         efficiency: Efficiency of the servo pumps η [-].
         slip: Slip of one servo pump per pressure rise [m³/(s Pa)].
         modules: Number of booster modules that each mode occupies, shape (modes,).
@@ -142,9 +140,8 @@ class HydraulicCoefficients(NamedTuple):
         boosted: Bit mask of the boosted joints of each combination, shape (patterns,).
         rest_speed: Piston speed up to which a cylinder counts as held and may need boost [m/s]. 0
             switches this rule off.
-        other_oil: Oil for other motions than those of the n joints, such as a slew [m³]; only lower
-            bounds use it.
-        other_time: Least time of these other motions [s]; only lower bounds use it.
+        other_oil: Oil for motions of other joints, such as a slew [m³]; only lower bounds use it.
+        other_time: Least time of the motions of other joints [s]; only lower bounds use it.
     """
 
     supply_pressure: float
@@ -181,7 +178,7 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
     Returns:
         Pressures, leakages and the main pump's flow. For each cylinder and direction: the area, the
         valve drop, and the largest speed in each mode. For each combination: the boosted joints.
-        Three fields are 0, and the caller may replace them. `rest_speed` is the piston speed up to
+        Three fields are 0; the caller may replace them. `rest_speed` is the piston speed up to
         which a cylinder counts as held and may need boost. `other_oil` and `other_time` are oil and
         time for another motion, such as a slew.
     """
@@ -234,7 +231,7 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
 
 @kernel(borrows=True)
 def _hold_pressure(c: HydraulicCoefficients, j: int, force: float) -> float:
-    """Compute the supply pressure that a cylinder at rest needs to hold its load (load pressure).
+    """Compute the supply pressure with which a cylinder at rest holds its load (load pressure).
 
     The cap side holds a positive force, the rod side any other force.
 
@@ -279,12 +276,13 @@ def _compute_extra_leakage(c: HydraulicCoefficients, need: float) -> float:
     VALVE_COLUMN,
     LEAKAGE_COLUMN,
 ) = 0, 1, 2, 3, 4, 5, 6
-"""Columns of one joint's part of a move: the data that the cost in a mode combination follows from.
+"""Columns that describe one joint's part of a move, for its cost in any mode combination.
 
 STROKE: |ΔL| [m]. DIRECTION: 0 extension, 1 retraction. OIL: A_dir |ΔL| [m³]. WORST_PRESSURE:
 largest p_L of an opposing load at start, middle and end [Pa]. It is −∞ if no load opposes the
-motion, or if the valve holds the joint. MIDDLE_PRESSURE: p_L at the middle [Pa]. VALVE: m(v)/v² [Pa
-s²/m²]. LEAKAGE: additional leakage of the valve if the joint is boosted by itself [m³/s].
+motion, or if the closed valve holds the joint. MIDDLE_PRESSURE: p_L at the middle [Pa]. VALVE:
+m(v)/v² [Pa s²/m²]. LEAKAGE: additional leakage of the valve if the joint is boosted by itself
+[m³/s].
 """
 
 MOVE_WIDTH = 7
@@ -295,7 +293,7 @@ MOVE_WIDTH = 7
 def _is_loaded(move: FloatArray) -> bool:
     """Return whether a joint moves, or must be held in boost, during a move.
 
-    All other joints are held by their closed valves. They cost as much as in mode N, in any mode.
+    All other joints are held by their closed valves. In any mode they cost as much as in mode N.
 
     Args:
         move: One joint's part of the move, shape (MOVE_WIDTH,), with the columns STROKE_COLUMN to
@@ -308,15 +306,15 @@ def _is_loaded(move: FloatArray) -> bool:
 
 
 class StepBuffers(NamedTuple):
-    """Results and working memory of `price_steps_to_node`, so that it allocates nothing.
+    """Results and working memory of `price_steps_to_node`, allocated once for many calls.
 
     Attributes:
         cost: Cost in each combination, shape (patterns, 3): duration [s], energy by the published
             model (`paper`) [J], energy with the pumps in series (`series`) [J].
         status: STEP_INADMISSIBLE, STEP_UNNEEDED_BOOST or STEP_CONSISTENT for each combination,
             shape (patterns,).
-        move: Columns of each joint's move to each posture, shape (postures of a node, n,
-            MOVE_WIDTH).
+        move: Description of each joint's part in the move to each posture, in columns STROKE_COLUMN
+            to LEAKAGE_COLUMN, shape (postures of a node, n, MOVE_WIDTH).
         must_boost: Bit mask of joints that need boost even at the lowest speed, shape (postures of
             a node,); NO_PATTERN if the move is inadmissible.
         may_boost: Bit mask of joints that need boost at V_max, shape (postures of a node,).
@@ -356,15 +354,15 @@ class NodeMoves(NamedTuple):
     """Moves from one posture to all postures of one node.
 
     Attributes:
-        start: Postures among which is the one that the moves leave.
-        origin: Row of `start` with the posture that the moves leave.
-        end: Postures; they contain the postures of the node.
+        start: Array of postures that contains the posture that the moves leave.
+        origin: Row of `start` that the moves leave.
+        end: Array of postures that contains the postures of the node.
         first: Row of `end` with the node's first posture.
         posture_count: Number of postures of the node.
         owner: Row of `end` in which the step of each combination ends, shape (patterns,).
         middle_force: Piston forces at the middle of each move, with `posture_count` rows or more,
-            shape (…, n) [N]. A move whose row begins with NaN is inadmissible.
-            `compute_middle_forces` and `mark_collisions` compute this array.
+            shape (…, n) [N]. NaN as the first entry marks an inadmissible move
+            (`compute_middle_forces`, `mark_collisions`).
     """
 
     start: Postures
@@ -386,7 +384,7 @@ def price_steps_to_node(
     consistent if its combination boosts exactly the joints that need boost. If no step is
     consistent, steps that also boost other joints are admitted (STEP_UNNEEDED_BOOST).
 
-    The unit tests compare the result with the module's equations in plain NumPy.
+    Test oracle: the module's equations in plain NumPy.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -396,8 +394,8 @@ def price_steps_to_node(
 
     Returns:
         Status of the admissible steps: STEP_CONSISTENT or STEP_UNNEEDED_BOOST; STEP_INADMISSIBLE
-        means that there is none. Exactly the combinations p with `buffers.status[p]` equal to the
-        result are admissible. Only their rows of `buffers.cost` are valid.
+        means that no step is admissible. Otherwise the combinations p with `buffers.status[p]`
+        equal to the result are admissible, and only their rows of `buffers.cost` are valid.
     """
     must, may, boosted = buffers.must_boost, buffers.may_boost, c.boosted
     cost, status = buffers.cost, buffers.status
@@ -423,8 +421,8 @@ def _describe_move(
 ) -> None:
     """Compute stroke, oil and pressures of each joint in a move, and find the joints to boost.
 
-    A joint that moves at most at `c.rest_speed` counts as held at rest if the main pump cannot hold
-    its load (`_describe_hold`).
+    A joint that is no faster than `c.rest_speed` is described as held if its load must be held in
+    boost.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -474,9 +472,9 @@ def _describe_stroke(
         forces: Piston forces at start, middle and end, positive if they resist extension [N].
         buffers: `move[k, j]` (columns STROKE_COLUMN to LEAKAGE_COLUMN) is written in place. Bit j
             of `must_boost[k]` is set if the joint needs boost even at the lowest speed. Bit j of
-            `may_boost[k]` is set if it needs boost at V_max. Bits are never cleared. If no force
-            resists the move, no bit is set and the worst pressure is −inf. The same holds for a
-            stroke of at most MAX_HELD_STROKE (the closed valve holds the joint), which has no
+            `may_boost[k]` is set if it needs boost at V_max. Bits are never cleared. No bit is set,
+            and the worst pressure is −inf, if no force resists the move, or if the stroke is at
+            most MAX_HELD_STROKE (the closed valve holds the joint). Such a short stroke also has no
             additional leakage.
         k: Number of the move.
     """
@@ -512,7 +510,7 @@ def _describe_hold(
     buffers: StepBuffers,
     k: int,
 ) -> None:
-    """Overwrite the pressures of a slow joint if its load must be held in boost.
+    """Describe a slow joint as held in boost, if its load must be held in boost.
 
     The joint must be held in boost if the main pump's pressure P_S cannot hold its load, but the
     highest boost pressure can. Otherwise nothing changes.
@@ -572,11 +570,11 @@ def _price_move(
 def _compute_duration(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray
 ) -> tuple[float, float]:
-    """Compute a move's duration in one mode combination, and its additional leakage at the rail.
+    """Compute a move's duration in one mode combination, and the additional leakage at the rail.
 
-    The duration is the longest of several times. Each piston needs the time of its stroke at its
-    largest speed. The main pump needs the time in which it delivers the oil of all pistons in
-    addition to the leakage of all valves.
+    The duration is the longest of several times: the time of each piston's stroke at its largest
+    speed, and the time in which the main pump delivers the oil of all pistons and the leakage of
+    all valves.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -584,10 +582,10 @@ def _compute_duration(
         move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
 
     Returns:
-        Duration [s], and leakage that each valve on the shared rail has in addition to its leakage
-        at the main pump's pressure [m³/s]. The duration is inf if leakage takes the whole flow. The
-        additional leakage is the largest in LEAKAGE_COLUMN of all joints on the rail; 0 if there
-        are none.
+        Duration [s], and leakage of each valve on the shared rail beyond its leakage at the main
+        pump's pressure [m³/s]. The duration is inf if leakage takes the whole flow. The additional
+        leakage is the largest in LEAKAGE_COLUMN of all joints on the rail; 0 if no joint is on the
+        rail.
     """
     duration = volume = rail_leak = 0.0
     shared = c.shared_flow
@@ -623,9 +621,9 @@ def _check_pressures(
     Returns:
         Status, and supply pressure of the shared rail at the middle of the move [Pa], 0 if no
         loaded joint is on the rail. The status is STEP_INADMISSIBLE if a joint that needs boost is
-        not boosted, or needs more than the highest boost pressure. The rail's pressure is then not
-        valid. The status is STEP_UNNEEDED_BOOST if a joint without need is boosted, otherwise
-        STEP_CONSISTENT.
+        not boosted, or needs more than the highest boost pressure. In this case the rail's pressure
+        is undefined. The status is STEP_UNNEEDED_BOOST if a joint without need is boosted,
+        otherwise STEP_CONSISTENT.
     """
     status, rail = STEP_CONSISTENT, 0.0
     for j in range(len(pattern)):
@@ -661,8 +659,8 @@ def _compute_energies(
         pattern: Mode of each joint, shape (n,).
         move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
         duration: Duration of the move [s].
-        rail: Supply pressure of the shared rail [Pa], and leakage that each valve on it has in
-            addition to its leakage at P_S [m³/s].
+        rail: Supply pressure of the shared rail [Pa], and leakage of each valve on the rail beyond
+            its leakage at P_S [m³/s].
 
     Returns:
         Energy by the published model (`paper`) and energy with main pump and servo pump in series
@@ -694,10 +692,10 @@ def _compute_energies(
 def compute_middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
-    """Compute the piston forces under gravity at the middle of moves that start in one posture.
+    """Compute the piston forces under gravity at the middle of moves that leave one posture.
 
-    Each move is straight in joint space. If the tip leaves the workspace anywhere on a move, the
-    move is inadmissible and its forces are NaN.
+    Each move is straight in joint space. If the tip leaves the workspace on a move, its forces are
+    NaN, which marks it as inadmissible.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -705,7 +703,7 @@ def compute_middle_forces(
         end: Joint positions, shape (postures, n) [rad or m].
         first: Row of `end` that the first move reaches. Move k reaches row `first` + k.
         force: Forces, positive if they resist extension, shape (moves, n) [N]. Written in place.
-            Its length is the number of moves.
+            The number of rows is the number of moves.
     """
     middle = np.empty(len(start))
     for k in range(len(force)):
@@ -735,7 +733,7 @@ def mark_collisions(
         end: Joint positions, shape (postures, n) [rad or m].
         first: Row of `end` that the first move reaches; further moves reach the following rows.
         force: Piston forces at the middle of each move, shape (count, n) [N]. Written in place: all
-            entries of a move that is not clear become NaN.
+            entries of a colliding move become NaN.
     """
     if len(obstacles) == 0:
         return
