@@ -1,9 +1,9 @@
 """Slew motion along a path in the arm's plane such that the arm keeps clear of zones in space.
 
 The path is cut into stretches, and the slew's stroke into equal parts. A state of the search is the
-number of stretches followed and the number of parts done. There are two kinds of steps:
+number of stretches followed and the number of parts turned. There are two kinds of steps:
 
-- The joints in the plane follow one stretch while the slew turns by several parts, or by none.
+- The joints in the plane follow one stretch while the slew turns by several parts, or rests.
 - The slew turns by one part while the joints in the plane rest.
 
 A step is allowed if `move_is_clear` accepts every path step in it. No step leads back, so dynamic
@@ -12,9 +12,10 @@ proportion to the path's time. Path step i takes the time
 
     max(tᵢ, sᵢ/V_max, (Vᵢ + A sᵢ)/Q)
 
-tᵢ [s] is its duration and Vᵢ [m³] its oil volume without the slew. sᵢ [m] is the slew's stroke in
-it. V_max is the largest speed and A the area of the slew's piston. Q is the flow of the main pump
-minus leakage. The slew takes the same oil at any time, so the quickest motion is also the cheapest.
+tᵢ [s] is the step's duration and Vᵢ [m³] its oil volume without the slew. sᵢ [m] is the stroke of
+the slew's piston in the step, V_max its largest speed and A its area. Q is the flow of the main
+pump minus leakage. The slew takes the same oil at any time, so the quickest motion is also the
+cheapest.
 """
 
 from __future__ import annotations
@@ -41,14 +42,15 @@ MAX_STRETCHES = 24
 SLEW_PART_ANGLE, MAX_SLEW_PARTS = 0.06, 32
 """Largest slew angle of one part of the stroke [rad], and largest number of parts.
 
-The number of parts has priority: if it is reached, the angle of each part is larger."""
+A slew too large for both limits is cut into the largest number of parts, each with a larger angle.
+"""
 
 MAX_PARTS_PER_STEP = 5
 """Largest number of parts that the slew turns during one stretch of the path."""
 
 
 class PathStretches(NamedTuple):
-    """A path of k steps in the arm's plane, cut into stretches.
+    """Path of k steps in the arm's plane, cut into stretches of one or more steps.
 
     Attributes:
         posture: Postures of the path, float64[k + 1, n], [rad or m]. Column 0, the slew, is
@@ -69,7 +71,7 @@ class SlewStroke(NamedTuple):
     """Stroke of the slew's piston in one part, and the limits of its speed.
 
     Attributes:
-        part: Stroke of one part, of the equal parts into which the whole stroke is cut [m].
+        part: Stroke of one part [m]; the whole stroke is cut into equal parts.
         max_speed: Largest speed V_max of the piston [m/s].
         flow: Flow Q of the main pump that the slew and the other joints share [m³/s].
         area: Area A of the piston [m²].
@@ -110,11 +112,11 @@ def find_clear_turning(
 def find_quickest_turning(
     machine: Machine, path: DiscretePath, start_angle: float, end_angle: float
 ) -> SlewMotion | None:
-    """Find the quickest slew motion along a planar path that keeps clear of zones in space.
+    """Find the quickest slew motion along a planar path on which the arm keeps clear of zones.
 
-    The path is cut into stretches and the slew's stroke into equal parts. Either the slew turns
-    alone by one part, or the arm follows one stretch while the slew turns by some parts or none.
-    Dynamic programming finds the quickest motion of this kind.
+    The path is cut into stretches and the slew's stroke into equal parts. In each step either the
+    slew turns alone by one part, or the arm follows one stretch while the slew turns by some parts
+    or rests. Dynamic programming finds the quickest motion of this kind.
 
     Args:
         machine: Whole arm, which slews.
@@ -151,7 +153,7 @@ def _list_rows_in_space(machine: Machine) -> FloatArray:
 
     Returns:
         One row of numbers for each zone, with its kind and shape, float64[rows, ROW_WIDTH]. Zones
-        that turn with the arm's plane are not among them.
+        that turn with the arm's plane are left out.
     """
     obstacles = machine.obstacles
     return frozen(obstacles.path_rows[obstacles.is_in_space])
@@ -160,8 +162,7 @@ def _list_rows_in_space(machine: Machine) -> FloatArray:
 def warm_up(machine: Machine) -> None:
     """Compile the kernels that find slew motions among zones.
 
-    They are called with a path of one step without motion. This also works for machines that do not
-    slew.
+    The kernels are called with a path of one step without motion.
 
     Args:
         machine: Any machine.
@@ -198,7 +199,7 @@ def _compute_step_time(duration: float, oil: float, stroke: float, slew: SlewStr
         duration: Duration of the step without the slew [s].
         oil: Oil volume that the step takes without the slew [m³].
         stroke: Stroke of the slew's piston in this step [m].
-        slew: Limits of the slew; its stroke in one part is not used.
+        slew: Limits of the slew; the field `part` is ignored.
 
     Returns:
         max(duration, stroke/V_max, (oil + area · stroke)/flow) [s].
@@ -269,12 +270,11 @@ def compute_least_times(
 ) -> tuple[FloatArray, IntArray]:
     """Compute the least time to each state of path and slew by dynamic programming.
 
-    State (i, k) means that i stretches of the path have been followed, and that k parts of the
-    slew's stroke are done. A step either turns the slew by one part, or follows one stretch while
-    the slew turns by 0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an obstacle are
-    not allowed.
+    In state (i, k), i stretches of the path have been followed and k parts of the slew's stroke
+    turned. A step either turns the slew by one part, or follows one stretch while the slew turns by
+    0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an obstacle are not allowed.
 
-    Tests compare the result with scipy.sparse.csgraph.dijkstra over the same states and steps.
+    Test oracle: scipy.sparse.csgraph.dijkstra over the same states and steps.
 
     Args:
         m: Arrays of the whole arm, with the slew as joint 1.
@@ -285,9 +285,9 @@ def compute_least_times(
         slew: Stroke and limits of the slew.
 
     Returns:
-        Least time to each state, float64[stretches + 1, parts + 1], [s]; inf if the state cannot be
-        reached. Second, the last step of the quickest motion to each state, int64 in the same
-        shape. It is REST_STEP if the slew turned alone. Otherwise it is the number of parts by
+        Two arrays of shape [stretches + 1, parts + 1]. First, the least time to each state, float64
+        [s]; inf if the state cannot be reached. Second, the last step of the quickest motion to
+        each state, int64: REST_STEP if the slew turned alone, otherwise the number of parts by
         which the slew turned while the arm followed a stretch.
     """
     posture, duration, oil, corner = path
@@ -333,19 +333,19 @@ def _reconstruct_turning(
 ) -> SlewMotion:
     """Reconstruct the quickest slew motion from the result of the dynamic programming.
 
-    The steps are followed back from the last state, the end of path and stroke.
+    The steps are followed back from the last state, at the end of both path and stroke.
 
     Args:
-        last_steps: Last step to each state, second result of `compute_least_times`.
+        last_steps: Last step to each state (second result of `compute_least_times`).
         path: The path, cut into stretches.
         angle: Slew angle at the ends of the parts of the stroke, float64[parts + 1], [rad]. Index
             k: k parts are done.
         slew: Stroke and limits of the slew.
 
     Returns:
-        Slew motion along the whole path, in p steps of the whole arm. It has the path step and the
-        duration [s] of each; the path step is REST_STEP if the slew turns alone. The slew angles
-        [rad] are p + 1, at the start and after each step.
+        Slew motion along the whole path, in p steps of the whole arm: path step, duration [s], and
+        slew angle at the start and after each step, p + 1 values [rad]. The path step is REST_STEP
+        if the slew turns alone.
     """
     _, duration, oil, corner = path
     i, k = len(corner) - 1, len(angle) - 1

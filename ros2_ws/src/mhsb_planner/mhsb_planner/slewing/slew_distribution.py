@@ -1,14 +1,14 @@
 """Distribution of a slew's stroke over the steps of a path in the arm's plane.
 
-The slew's piston moves at one speed v in all steps. It is slower in a step if its largest speed
-V_max or the remaining flow of the main pump requires this. If the path is too short in time for the
-whole stroke, the duration of all steps is multiplied by one factor λ:
+The slew's piston moves at one speed v in all steps. It is slower only in steps in which its largest
+speed V_max or the remaining flow of the main pump is below v. If the path takes too little time for
+the whole stroke, the durations of all steps are multiplied by one factor λ:
 
     sᵢ = min(v λtᵢ, V_max λtᵢ, (Q λtᵢ − Vᵢ)/A),  Σ sᵢ = |ΔL|,  Q = Q_MP − n q_leak
 
-tᵢ [s] and Vᵢ [m³] are duration and oil volume of path step i without the slew. sᵢ [m] is the slew's
-stroke in this step. |ΔL| is the whole stroke of the slew's piston, and A its area. Q is the flow
-of the main pump Q_MP minus the leakage q_leak of n valves [m³/s].
+tᵢ [s] and Vᵢ [m³] are duration and oil volume of path step i without the slew. sᵢ [m] is the stroke
+of the slew's piston in this step, |ΔL| its whole stroke and A its area. Q is the flow of the main
+pump Q_MP minus the leakage q_leak of n valves [m³/s].
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.planners.path_planner import SlewDemand
 
 BISECTION_STEPS = 50
-"""Number of times that bisection halves the interval that contains the solution."""
+"""Number of halvings of the interval in a bisection."""
 
 STROKE_ROUNDING = 1e-9
 """Stroke of the slew's piston up to which the slew counts as resting [m]."""
@@ -45,7 +45,7 @@ def compute_slew_stroke(machine: Machine, start_angle: float, end_angle: float) 
 
 
 def compute_slew_demand(machine: Machine, start_angle: float, end_angle: float) -> SlewDemand:
-    """Compute the oil volume and the least time that the slew needs between two slew angles.
+    """Compute the oil volume and the least time of a slew from one angle to another.
 
     Args:
         machine: Machine that slews.
@@ -53,8 +53,8 @@ def compute_slew_demand(machine: Machine, start_angle: float, end_angle: float) 
         end_angle: Slew angle at the end [rad].
 
     Returns:
-        Oil volume A |ΔL| [m³] and least time |ΔL|/V_max [s]. |ΔL| is the stroke of the slew's
-        piston, A its cap-side area and V_max its largest speed.
+        Oil volume A |ΔL| [m³] and least time |ΔL|/V_max [s], with stroke |ΔL|, cap-side area A and
+        largest speed V_max of the slew's piston.
     """
     way, m = compute_slew_stroke(machine, start_angle, end_angle), machine.arrays
     return SlewDemand(float(m.cap_area[0] * way), float(way / m.max_piston_speed[0]))
@@ -84,10 +84,10 @@ def distribute_stroke(
     """Distribute the slew's stroke over the steps of a path.
 
     The slew's piston has the same speed in all steps, except in steps in which V_max or the flow
-    requires a lower one. If the durations are too short for the whole stroke, all of them are
+    only allows a lower speed. If the durations are too short for the whole stroke, all of them are
     multiplied by one factor. Speed and factor are found by bisection.
 
-    If all durations are 0, the steps get equal strokes, and equal durations that are long enough.
+    If all durations are 0, the steps get equal strokes, and equal durations that suffice for them.
     If there are no steps, both results are empty.
 
     Args:
@@ -105,8 +105,7 @@ def distribute_stroke(
     def compute_largest_strokes(factor: float) -> FloatArray:
         """Compute the largest stroke of the slew in each step for a factor on all durations.
 
-        The stroke is limited by V_max and by the flow that the other joints leave. All other data
-        come from the enclosing function.
+        V_max and the flow that the other joints leave limit the stroke.
 
         Args:
             factor: Factor on all durations [-].
@@ -140,13 +139,13 @@ def _find_least(holds: Callable[[float], bool], low: float, high: float) -> floa
     """Find the least number for which a monotone condition holds, by bisection.
 
     Args:
-        holds: Condition. If it holds for a number, it must hold for all larger numbers, too.
-        low: Number that is not above the result.
+        holds: Condition; if it holds for one number, it must hold for all larger numbers.
+        low: Number at or below the least number.
         high: Number for which the condition holds.
 
     Returns:
-        Number for which the condition holds. It is above the least one by at most
-        (high − low)/2^BISECTION_STEPS.
+        Number for which the condition holds. It exceeds the least such number by at most (high −
+        low)/2^BISECTION_STEPS.
     """
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)

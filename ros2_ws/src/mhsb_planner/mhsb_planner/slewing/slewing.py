@@ -2,10 +2,10 @@
 
 The arm's plane is the vertical plane that turns with the slew. Without zones in space, the slew
 turns at an even speed along each path of the planner. With zones there are three methods. The
-shadow of a zone is an obstacle in the arm's plane, made for a range of slew angles. A posture that
-is clear of the shadow is clear of the zone at all these slew angles.
+shadow of a zone, for a range of slew angles, is an obstacle in the arm's plane. A posture that is
+clear of the shadow is clear of the zone at all slew angles in the range.
 
-1. Direct: plan as if there were no zones, and find a slew motion that is clear (`among_zones`).
+1. Direct: plan as if there were no zones, then find a clear slew motion (`among_zones`).
 2. Past shadows: plan among the shadows that the zones have for the whole turn of the slew.
 3. Carried: plan through a via point at which the slew may make its whole turn. Before the via
    point, the obstacles are the shadows at the slew angle of the start. After it they are the
@@ -14,11 +14,11 @@ is clear of the shadow is clear of the zone at all these slew angles.
 If zones raise the cost of the direct path by at most FREE_COST_FACTOR, the other methods are
 dropped. Methods 2 and 3 are also used with the planner's baselines, that is, other planners.
 
-`schedule_in_turn` decides the order of work. Method 1 has the first turn. There are two quick
-proposers: methods 2 and 3 with the first baseline, or with the planner itself if it has no
-baselines. Until a motion is found, the first quick proposer comes before the second. After that,
-the two share all turns until one of them has ended. The other one then has every second turn, and
-all other proposers share the remaining turns.
+`schedule_in_turn` decides the order of work. Method 1 has the first turn. Two proposers are quick:
+methods 2 and 3 with the first baseline, or with the planner itself if it has no baselines. Until a
+motion is found, the first quick proposer has all turns; after its end, the second has them. Once a
+motion is found, the two quick proposers share all turns until one has ended. The other then has
+every second turn, and the slower proposers share the rest.
 """
 
 from __future__ import annotations
@@ -72,12 +72,12 @@ def yield_carrying_postures(
 ) -> Iterator[FloatArray]:
     """Yield postures in which the arm can slew from start to goal without collision.
 
-    They come from the posture table, with all actuators in mode N. They are clear of the shadows of
-    all zones. The shadow of a zone is an obstacle in the arm's plane. A posture that is clear of it
-    is clear of the zone at all slew angles of the turn.
+    The postures come from the posture table, with all actuators in mode N, and are clear of the
+    shadows of all zones. The shadow of a zone is an obstacle in the arm's plane. A posture that is
+    clear of the shadow is clear of the zone at all slew angles of the turn.
 
-    The order is by a lower bound on the cost from the start through the posture to the goal, the
-    least first. Each tip is at least MIN_GRID_DISTANCE grid spacings away from the tips of all
+    Postures are sorted by a lower bound on the cost from the start through the posture to the goal,
+    the least first. Each tip is at least MIN_GRID_DISTANCE grid spacings away from the tips of all
     postures yielded before.
 
     Args:
@@ -147,9 +147,10 @@ MAX_CARRYING_POSTURES = 4
 """Largest number of via points that the method "carried" tries."""
 
 FREE_COST_FACTOR = 1.005
-"""Largest ratio of the direct path's cost with zones to its cost without zones [-].
+"""Limit for the ratio of the direct path's cost with zones to its cost without zones [-].
 
-If the ratio is not larger, the other methods end."""
+Up to this limit, the methods "past shadows" and "carried" end early.
+"""
 
 MAX_CARRYING_PSI_DEVIATION = 0.15
 """Largest difference of end-link angles between the via point and its carrying posture [rad]."""
@@ -169,7 +170,7 @@ class SlewingPaths:
     """Step graph of the arm's plane."""
 
     def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Compute a lower bound on the energy of every plan for a request, the slew's oil included.
+        """Compute a lower bound on the energy of every plan for a request, slew included.
 
         The bound is computed in the arm's plane, with oil and least time of the slew added.
 
@@ -191,7 +192,7 @@ class SlewingPaths:
 
         The planner finds paths in the arm's vertical plane, which turns with the slew. Without
         zones in space, each planar path is combined with a slew at an even speed. With zones,
-        several methods search paths on which the arm keeps clear.
+        several methods search for paths on which the arm keeps clear.
 
         Args:
             task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
@@ -201,8 +202,8 @@ class SlewingPaths:
             Paths of the whole arm, as proposals.
 
         Raises:
-            MhsbError: The tip at the goal is too near to a zone, there is no path at all, or none
-                was found before the deadline.
+            MhsbError: The tip at the goal is too near to a zone, there is no path at all, or no
+                path was found before the deadline.
         """
         in_plane, slew = self._convert_to_plane(task)
         in_the_plane = PlanePaths(self.planner, self.graph)
@@ -246,8 +247,8 @@ class SlewingPaths:
         which the slew turns alone, is yielded a second time, with rests at these places.
 
         If zones raise the cost of a direct path by no more than FREE_COST_FACTOR, the other methods
-        end. An error ends only its own method. If the deadline has passed and a path has been
-        found, the function returns.
+        end. An error ends only its own method. After the deadline the function returns if a path
+        has been found.
 
         Args:
             task: Path request of the whole arm.
@@ -259,8 +260,8 @@ class SlewingPaths:
             Paths of the whole arm, as proposals.
 
         Raises:
-            MhsbError: No method has given a clear path. It is a DeadlineError if the deadline has
-                passed. Otherwise it is the error of the direct method, or a NoPathError.
+            MhsbError: No method has given a clear path: DeadlineError after the deadline, otherwise
+                the error of the direct method, or NoPathError.
         """
         began = float(task.departure[0])
         paths = PlanePaths(self.planner, self.graph).paths(in_plane, progress)
@@ -303,11 +304,11 @@ class SlewingPaths:
 
         Args:
             task: Path request of the whole arm.
-            refused: Error that ended the direct method; None if it had none.
+            refused: Error that ended the direct method; None without an error.
             progress: State of the planning loop, with the deadline of the search.
 
         Returns:
-            DeadlineError if the deadline has passed. Otherwise `refused`, or NoPathError if that is
+            DeadlineError after the deadline. Otherwise `refused`, or NoPathError if `refused` is
             None.
         """
         if progress.search_deadline.has_passed:
@@ -324,9 +325,8 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield planar paths on which the arm is clear of zones at every slew angle of the turn.
 
-        The obstacles of these paths are the shadows of the zones: obstacles in the arm's plane. A
-        posture that is clear of a zone's shadow is clear of the zone at all slew angles of the
-        turn.
+        The obstacles of these paths are the shadows of the zones in the arm's plane. A posture that
+        is clear of a zone's shadow is clear of the zone at all slew angles of the turn.
 
         Args:
             planner: The planner itself, or a baseline (planner for comparison).
@@ -353,10 +353,10 @@ class SlewingPaths:
         """Yield planar paths through a via point at which the arm may slew without collision.
 
         Before the via point, zones are avoided at the slew angle of the start. After it they are
-        avoided at the slew angle of the goal. The via points are tips of at most
-        MAX_CARRYING_POSTURES postures of the table, and are tried in two rounds. In the first
-        round, each of the two parts is the first path that is found, in the second round the
-        cheapest. Via points without a path are skipped.
+        avoided at the slew angle of the goal. The via points are the tips of at most
+        MAX_CARRYING_POSTURES postures of the table, and are tried in two rounds. The first round
+        takes the first path found before and after the via point, the second round the cheapest.
+        Via points without a path are skipped.
 
         Args:
             planner: The planner itself, or a baseline (planner for comparison).
@@ -387,12 +387,12 @@ class SlewingPaths:
     def _yield_proposals(
         self, planner: PathPlanner, path: PathProposal, in_plane: PathRequest
     ) -> Iterator[PathProposal]:
-        """Yield a path as one proposal, or as up to two proposals if a baseline has made it.
+        """Yield a path as one proposal, or a baseline's path as one or two proposals.
 
         A trajectory is fitted to a path (S3) by one of two methods: a polynomial, or following the
         path with ramps. A path of a baseline (planner for comparison) is proposed twice: for the
         method of the planner named in the request, and for the method of the baseline. Both
-        proposals have `for_comparison` set. The second one is left out if the options name a
+        proposals have `for_comparison` set. The second proposal is left out if the options name a
         method.
 
         Args:
@@ -417,7 +417,7 @@ class SlewingPaths:
         progress: PlanProgress,
         thorough: bool,
     ) -> tuple[DiscretePath, DiscretePath]:
-        """Plan a planar path to a via point, and another path from rest there to the goal.
+        """Plan a planar path to a via point, and a path from rest at the via point to the goal.
 
         The arm may slew in the carrying posture, and the via point is the tip position of this
         posture. The end-link angle at the via point may differ from that of the carrying posture by
@@ -429,13 +429,13 @@ class SlewingPaths:
                 the zones at the slew angle of the goal.
             in_plane: Path request in the arm's plane.
             progress: State of the planning loop, with the deadline of the search.
-            thorough: True takes the cheapest path of each part, False the first that is found.
+            thorough: True for the cheapest path of each part, False for the first path found.
 
         Returns:
             Path to the via point and path from there to the goal.
 
         Raises:
-            MhsbError: There is no path to the via point, or none from there to the goal.
+            MhsbError: There is no path to the via point, or no path from the via point to the goal.
         """
         plane = self.machine.planar_arm
         x, z = plane.tip_position(posture).tolist()
@@ -467,10 +467,10 @@ class SlewingPaths:
         return PlanePaths(planner, self.graph.create_for(among))
 
     def _convert_to_plane(self, task: PathRequest) -> tuple[PathRequest, float]:
-        """Convert a path request of the whole arm into one for the arm without its slew.
+        """Convert a path request of the whole arm into a path request in the arm's plane.
 
-        The result contains the oil and the least time that the slew needs (`slew_demand`). `brake`
-        of the result is None, because the motion of the whole arm contains the braking.
+        The result contains the oil and the least time that the slew needs (`slew_demand`). In the
+        result `brake` is None, because braking is planned for the whole arm.
 
         Args:
             task: Path request of the whole arm.

@@ -1,7 +1,7 @@
 """Combination of a path in the arm's plane with a slew motion into a path of the whole arm.
 
-Gravity does not load a slew. Postures and modes are therefore chosen in the plane alone. The slew
-takes its oil at the main pump's pressure whenever it turns.
+Gravity does not load a slew, so postures and modes are chosen for the plane alone. Whenever the
+slew turns, it takes its oil at the main pump's pressure.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class SlewMotion:
     step: IntArray
     """Index of the path step in each step of the whole arm, int64[p], ascending.
 
-    REST_STEP stands for a step in which the slew turns alone."""
+    REST_STEP marks a step in which the slew turns alone.
+    """
 
     angle: FloatArray
     """Slew angle at the start and after each step of the whole arm, float64[p + 1], [rad]."""
@@ -56,10 +57,10 @@ def compute_even_turning(
 ) -> SlewMotion:
     """Compute a slew motion at an even speed along a planar path, without regard to zones.
 
-    The slew's piston has the same speed in all steps in which its largest speed and the main pump's
-    flow allow this speed. In all other steps it is as fast as they allow. If the slew cannot keep
-    up with the path, all steps become longer by one factor. If the path has no steps, the slew
-    turns alone, as quickly as possible.
+    The slew's piston has the same speed in all steps, except where its largest speed or the main
+    pump's flow only allows a lower speed. If the slew cannot keep up with the path, all steps
+    become longer by one factor. If the path has no steps, the slew turns alone, as quickly as
+    possible.
 
     Args:
         machine: The whole arm, which slews.
@@ -92,9 +93,9 @@ def compute_even_turning(
 def find_rest_steps(turning: SlewMotion, via_step: int | None) -> IntArray:
     """Find the steps of the whole arm before which the joints in the plane must come to rest.
 
-    The joints must come to rest before the slew turns alone for one or more steps, and before the
-    first step after these. Step 0 needs no rest before it. The joints must also come to rest before
-    the step after a via point.
+    Steps in which the slew turns alone may follow each other. The joints must rest before the first
+    of these steps, unless it is step 0, and before the step that follows the last of them. They
+    must also rest before the step after a via point.
 
     Args:
         turning: Slew motion along a path.
@@ -115,8 +116,8 @@ def combine_with_slew(
 ) -> DiscretePath:
     """Combine a planar path and a slew motion into a path of the whole arm.
 
-    Joint 1, the slew, is in mode N throughout. In each step its piston of area A [m²] moves by s
-    [m], and the step becomes longer by ΔT [s]. The energy of the step then grows by
+    Joint 1, the slew, is in mode N throughout. In each step the slew's piston of area A [m²] moves
+    by s [m], and the step becomes longer by ΔT [s]. The energy of the step then grows by
 
         ΔE = P_S (A s + n q_leak ΔT)
 
