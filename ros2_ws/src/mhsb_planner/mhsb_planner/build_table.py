@@ -103,8 +103,8 @@ def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> T
         entries: Number of entries to compare.
 
     Returns:
-        Result of the comparison: number of entries compared, number of short entries (with an area
-        more than 0.1 % smaller than SLSQP's), and least ratio of an entry's area to SLSQP's.
+        Number of entries compared, number of short entries, and least ratio of an entry's area to
+        SLSQP's area. An entry is short if its area is more than 0.1 % smaller.
     """
     with tqdm(total=entries, unit="entry", desc="judged by SLSQP") as bar:
         return compare_with_slsqp(
@@ -127,7 +127,7 @@ def _collect_result(
     Returns:
         Values by key: name and hash of the machine, output file, solver, grid spacing [m], numbers
         of nodes, mode combinations and entries, positions (x, z) of nodes without a posture [m],
-        time [s], and the comparison. The comparison is None if there was none.
+        time [s], and the comparison or None.
     """
     infeasible = table.nodes[~table.feasible] * table.spacing
     return {
@@ -155,8 +155,8 @@ def _describe_result(table: PostureTable, path: Path, seconds: float) -> str:
 
     Returns:
         Lines of text. The first line has the numbers of nodes, mode combinations and entries, and
-        the time. Then follow the number of nodes without a posture, and their positions, with one
-        line for each x. The last line has the path of the file.
+        the time. The next lines have the number of nodes without a posture, and the positions of
+        these nodes, with one line for each x. The last line has the path of the file.
     """
     missing = table.nodes[~table.feasible] * table.spacing
     lines = [

@@ -1,8 +1,8 @@
 """Work on a Dask cluster, and the command-line arguments that choose a cluster or processes.
 
 The package `distributed` is an optional dependency. If a worker ends before its tasks are done, the
-scheduler gives the tasks to other workers, also to workers that join later. Tasks may share a
-state. The function and arguments that make this state are sent to each worker once.
+scheduler gives the tasks to other workers, even workers that join later. Tasks may share a state.
+The function and arguments that make this state are sent to each worker once.
 """
 
 from __future__ import annotations
@@ -164,7 +164,8 @@ class _ClusterExecutor(Executor):
 
         Args:
             wait: True to wait for all tasks.
-            cancel_futures: True to never wait. The remaining tasks then end with the connection.
+            cancel_futures: True to close the connection without waiting, which ends the remaining
+                tasks.
         """
         self._pool.shutdown(wait and not cancel_futures)
         self._client.close()
@@ -268,7 +269,7 @@ def versions_fingerprint() -> str:
 
     Returns:
         SHA-256 hash in hexadecimal digits. Packages and libraries that are not installed do not
-        enter it.
+        change the hash.
     """
     found = hashlib.sha256()
     for library in RESULT_LIBRARIES:
@@ -308,7 +309,7 @@ def _perform_on_worker(
 
 @dataclass(frozen=True)
 class WorkArguments:
-    """Options for who does the large work of a command: this machine or a cluster.
+    """Options that choose where the large work of a command is done: on this machine or a cluster.
 
     Attributes:
         jobs: Processes or threads; as many as there are processors when left out.

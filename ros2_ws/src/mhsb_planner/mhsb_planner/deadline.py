@@ -1,10 +1,10 @@
-"""Deadline of an answer: one absolute instant for all functions that work on the answer.
+"""Deadline of an answer: one instant for all functions that work on the answer.
 
     deadline = Deadline.after(0.08)
     planner.plan(goal, start, deadline=deadline.earlier_by(0.005))
 
-A deadline is passed on unchanged. Every called function can compute the time that is left.
-`progress.PlanProgress` has the deadline of the search, which is earlier.
+A deadline is passed on unchanged, and every called function can compute the time that is left. The
+deadline of the search, in `progress.PlanProgress`, is earlier.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from mhsb_planner.errors import DeadlineError
 
 CLOCK_CHECK_PERIOD = 1e-3
-"""Time that the work between two readings of the clock is meant to take [s]."""
+"""Intended duration of the work between two readings of the clock [s]."""
 
 
 def now() -> float:
@@ -46,7 +46,7 @@ class Deadline:
 
     @classmethod
     def after(cls, seconds: float) -> Deadline:
-        """Create the deadline that lies a given time after now.
+        """Create a deadline at a given time from now.
 
         Args:
             seconds: Time [s]. Infinity gives NO_DEADLINE; 0 or less gives a deadline that has
@@ -97,8 +97,8 @@ class Deadline:
 
         The consumer does one portion of work before it requests the next size. The generator
         measures the time of the portion. It then adapts the size so that a portion takes about
-        CLOCK_CHECK_PERIOD. A size is at most ten times the one before. Without a deadline, all
-        sizes are `most`, without end.
+        CLOCK_CHECK_PERIOD. A size is at most ten times the previous size. Without a deadline, the
+        generator never ends, and all sizes are `most`.
 
         Args:
             first: Size of the first portion, as a number of units such as expanded states.

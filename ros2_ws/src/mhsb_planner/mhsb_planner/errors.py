@@ -1,4 +1,4 @@
-"""Errors of planning. The message of each is one sentence."""
+"""Errors of planning. Each has a message of one sentence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _suggest_degrees(angles: Sequence[float]) -> str:
 
     Returns:
         The clause. It is empty if no angle exceeds a whole turn, or if an angle exceeds a whole
-        turn even in degrees.
+        turn even when read in degrees.
     """
     whole_turn = 2.0 * math.pi
     if all(abs(angle) <= whole_turn for angle in angles):
@@ -52,7 +52,7 @@ class InfeasibleGoalError(MhsbError):
 
 
 class ZoneError(MhsbError):
-    """The arm would be in an obstacle at the goal, or too near to one."""
+    """At the goal, the arm would be in an obstacle or too near to one."""
 
 
 class NoPathError(MhsbError):
@@ -66,7 +66,7 @@ class NoPathError(MhsbError):
         Args:
             start: Tip position at the start [m].
             goal: Tip position at the goal [m].
-            among: Names of the obstacles from which steps had to keep clear.
+            among: Names of the obstacles that the steps had to avoid.
         """
         clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
@@ -76,7 +76,7 @@ class NoPathError(MhsbError):
 
 
 class StartError(MhsbError):
-    """The arm is beyond joint limits at the start, and no motion leads back into them."""
+    """The arm is beyond joint limits at the start, and no motion leads back inside."""
 
     def __init__(self, remarks: str) -> None:
         """Compose the message.
@@ -94,7 +94,7 @@ class DeadlineError(MhsbError):
     """The deadline passed before there was a result."""
 
     def __init__(self, work: str) -> None:
-        """Compose the message; `work` is the subject of its sentence."""
+        """Compose the message; `work` is the subject of its sentence, such as "the search"."""
         super().__init__(f"{work} did not end before the deadline")
 
 
@@ -140,7 +140,7 @@ class WorkersLostError(MhsbError):
     """Processes or workers ended again and again before their work was done."""
 
     def __init__(self, who: str) -> None:
-        """Compose the message; `who` names the processes or workers and is its subject."""
+        """Compose the message; `who` is its subject and names the processes or workers."""
         super().__init__(
             f"{who} ended by themselves, killed or for want of memory; fewer at a time need less"
         )

@@ -1,8 +1,8 @@
 """Executors for all large work: processes, threads or a cluster.
 
 Whole runs are executed in processes. Index ranges are executed in threads, because kernels release
-the interpreter lock. Both are executed on a cluster if one is given. Results do not depend on the
-kind or number of workers.
+the interpreter lock. If a cluster is given, it executes both. Results do not depend on the kind or
+number of workers.
 """
 
 from __future__ import annotations
@@ -37,19 +37,21 @@ Result = TypeVar("Result")
 MAX_ATTEMPTS = 6
 """Number of processes that may crash during one task before the task fails.
 
-The task itself may be the cause."""
+The limit is needed because the task itself may be the cause.
+"""
 
 STATES_PER_THREAD = 4
 """Number of shared states that a thread keeps.
 
-The thread of a cluster's worker may execute tasks of several executors with a state each."""
+A worker thread of a cluster may execute tasks of several executors, each with its own state.
+"""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class SharedState:
-    """Function and arguments that make a state which tasks share: make(*given).
+    """Function and arguments, make(*given), that make a state for all tasks of a worker.
 
     A worker is a thread of this process, or the thread that executes tasks in another process. Each
     worker makes its own state at its first task. Two tasks never use one state at the same time. A
@@ -217,7 +219,7 @@ def yield_results_of_ranges(
 
 
 class _LocalExecutor(ThreadPoolExecutor):
-    """Executor on this computer: one thread, or several threads that have a process each.
+    """Executor on this computer: one thread, or several threads with one process each.
 
     If a process crashes, only its own task is affected. Its thread starts another process and
     repeats the task.
@@ -265,8 +267,8 @@ class _LocalExecutor(ThreadPoolExecutor):
         """Prepare a process for the calling thread. It replaces a process that has crashed.
 
         The process starts with its first task. The calling thread blocks SIGINT from now on, and
-        the process inherits this. Otherwise SIGINT would end the process with a traceback while it
-        imports modules or waits for a task.
+        the process inherits the block. Otherwise SIGINT would end the process with a traceback
+        while it imports modules or waits for a task.
         """
         spawn = multiprocessing.get_context("spawn")
         process = ProcessPoolExecutor(
@@ -339,13 +341,14 @@ class _ThreadStates(threading.local):
 _states = _ThreadStates()
 
 _process_state: list[SharedState | None] = []
-"""State that the tasks of this process share, as a list of one element.
+"""State for the tasks of this process, as a list of one element.
 
-`_set_process_state` sets it when `_LocalExecutor` starts the process."""
+`_set_process_state` sets it when `_LocalExecutor` starts the process.
+"""
 
 
 def _set_process_state(shared: SharedState | None) -> None:
-    """Store the function and arguments of the state that the tasks of this process share."""
+    """Store the function and arguments of the state for the tasks of this process."""
     _process_state[:] = [shared]
 
 
@@ -360,7 +363,7 @@ def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Res
         Result of the task.
 
     Raises:
-        KeyboardInterrupt: SIGINT has come during the task, or since the process was started or
+        KeyboardInterrupt: SIGINT came during the task, or earlier: since the process started or
             ended its last task.
     """
     try:

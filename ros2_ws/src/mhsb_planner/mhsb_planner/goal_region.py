@@ -1,7 +1,7 @@
 """Admissible ends of a motion: the goal, a region around it, and the end-link angle.
 
 Regions are given by offsets from the goal. The goal belongs to the region. Planners try some points
-of the region: the goal, and other points about REGION_SPACING apart, the region's edge included.
+of the region: the goal, and points about REGION_SPACING apart, up to the edge of the region.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ Point = tuple[float, float]
 Angle = float | tuple[float, float] | None
 """Admissible end-link angle ψ at the goal [rad].
 
-It is one value, a pair of least and greatest value, or None for any angle."""
+One value, a pair of least and greatest value, or None for any angle.
+"""
 
 REGION_SPACING = 0.05
 """Distance between neighbouring points of a region that planners try [m].
 
-It is larger if the number of points reaches its upper limit.
+The distance is larger if the number of points reaches its upper limit.
 """
 MOST_RINGS = 3
 """Largest number of rings of points that planners try in a disc."""
@@ -40,16 +41,16 @@ AT_GOAL_ANGLE = 1e-3
 """Largest difference at which the end link counts as being at the requested angle [rad]."""
 
 MAX_REGION_SIZE = 100.0
-"""Largest accepted size of a region [m]. It is far beyond the reach of any arm."""
+"""Largest accepted size of a region [m], far beyond the reach of any arm."""
 
 WIDEST_ANGLE = 15.0
 """Largest accepted end-link angle, in either direction [rad].
 
-It is more than two turns, which no arm makes, and less than most angles in degrees.
+No arm makes more than two turns, so a larger angle was probably given in degrees.
 """
 
 EDGE_FACTOR = 1.0 - 1e-9
-"""Factor on a disc's radius for points at its edge [-]. Rounding then leaves them inside."""
+"""Factor on a disc's radius for points at its edge [-], so that rounding leaves them inside."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +263,7 @@ def check_angle(psi: Angle) -> None:
     """Check that the end-link angle of a request is valid.
 
     Args:
-        psi: Angle, pair of least and greatest angle [rad], or None for any.
+        psi: Angle, pair of least and greatest angle [rad], or None for any angle.
 
     Raises:
         RequestError: An angle is not finite, its absolute value exceeds WIDEST_ANGLE, or the first
@@ -286,11 +287,11 @@ def angle_range(psi: Angle) -> tuple[float, float] | None:
     """Return the least and the greatest admissible end-link angle.
 
     Args:
-        psi: Angle, pair of least and greatest angle [rad], or None for any.
+        psi: Angle, pair of least and greatest angle [rad], or None for any angle.
 
     Returns:
         Least and greatest angle [rad], equal if `psi` is one angle. None if any angle is
-        admissible: if `psi` is None, or a range of a whole turn or more.
+        admissible, that is, if `psi` is None or a range of a whole turn or more.
     """
     if psi is None or not isinstance(psi, tuple):
         return None if psi is None else (psi, psi)

@@ -1,11 +1,11 @@
 """Functions that call all kernels of the planner, in parts that separate processes can compile.
 
 A kernel (a function compiled by numba) is compiled for types of arguments, not for their values.
-Calls with the default machine therefore serve for all machines. The parts that take longest come
-first. The last parts use kernels of earlier parts. On two processors the energy bound comes between
-motion and graph search, so that the process with the step costs takes up the graph search. It then
-makes the step graph for both. `mhsb plan` compiles only the parts that its planner and obstacles
-need, a planner node compiles all of them.
+Calls with the default machine therefore compile the kernels for all machines. The parts that take
+longest come first. The last parts use kernels of earlier parts. The energy bound stands between
+motion and graph search for this reason: with two processes, the one that compiles the step costs
+then also compiles the graph search, and builds the step graph only once. `mhsb plan` compiles only
+the parts that its planner and obstacles need, a planner node compiles all of them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ COARSE_TABLE_SPACING = 0.25
 
 @cache
 def machine() -> Machine:
-    """Return the machine with which the kernels are called: the default one without obstacles.
+    """Return the machine with which the kernels are called: the default machine without obstacles.
 
     The machine is cached.
     """
@@ -142,7 +142,7 @@ _PATH_PARTS = {
 
 
 def list_parts_for_rest(planner: str, *, has_obstacles: bool) -> tuple[str, ...]:
-    """List the parts that a plan from rest without zones in space needs.
+    """List the parts that are needed to plan a motion from rest without zones in space.
 
     Args:
         planner: Name of the path planner.
@@ -173,7 +173,7 @@ def compile_planner(
     """Compile those kernels of the planner that are not in the cache yet.
 
     Args:
-        say: Called with a line of text on the progress. None shows a progress bar instead.
+        say: Function that gets lines of text about the progress. None shows a progress bar instead.
         parts: Import paths ("module:function") of the parts to compile.
     """
     compile_ahead(parts, say)

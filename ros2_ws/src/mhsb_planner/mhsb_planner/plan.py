@@ -29,11 +29,10 @@ from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_step import EnergyReading
 
 COST_ROUNDING = 1e-9
-"""Relative difference up to which two costs count as equal [-]."""
+"""Largest relative difference of two costs that count as equal [-]."""
 
 NOTICEABLE_EXCESS = 0.005
-"""Excess of a piston's speed over V_max above which a summary states it, as a share of V_max [-].
-"""
+"""Least excess of a piston's speed over V_max that a summary states, as a share of V_max [-]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,7 +42,7 @@ class Plan:
     `print(plan)` shows a summary.
 
     Attributes:
-        path: Discrete path (S2) that the motion follows. It has no steps if the motion only brakes,
+        path: Discrete path (S2) that the motion follows. It has no steps if the motion only brakes
             or is the remaining part of a plan.
         motion: Trajectory (S3) and mode schedule (S4), both with stamp 0.
         energy: Energy of the motion in both energy readings.
@@ -59,7 +58,7 @@ class Plan:
         cavitations: Actuators whose load drives them faster than oil fills the inlet, with the
             times.
         start_problems: Clause on joints beyond their limits, and on an obstacle that the arm
-            touches at the start. Empty if there is no such problem.
+            touches at the start; empty if there is no such problem.
         log: Log of the proposed paths and of their outcomes (`plan_log`). `print(plan.log)` shows
             it.
     """
@@ -190,7 +189,7 @@ class Plan:
         return cost + options.area_weight * self.area_shortfall
 
     def is_cheaper_than(self, other: Plan, options: PlanOptions) -> bool:
-        """Return whether this plan costs less than another one.
+        """Return whether this plan costs less than another plan.
 
         Costs with a relative difference of at most COST_ROUNDING count as equal. If the costs are
         equal, energy, duration and joint travel decide, in this order and with the same rounding.
@@ -200,7 +199,7 @@ class Plan:
             options: Options that give weights and energy reading.
 
         Returns:
-            True if this plan is lower in the first of these measures that differs. False if no
+            True if this plan has the smaller value of the first measure that differs. False if no
             measure differs.
         """
         for measure in (

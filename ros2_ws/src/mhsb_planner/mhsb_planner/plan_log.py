@@ -16,10 +16,10 @@ class ProposalOutcome(StrEnum):
     """Outcome of a proposal (a path that a planner has proposed)."""
 
     TAKEN = "taken"
-    """Its motion became the incumbent, the cheapest motion so far."""
+    """The proposal's motion became the incumbent, the cheapest motion so far."""
 
     DEARER = "dearer"
-    """Its motion is not cheaper than the incumbent."""
+    """The proposal's motion is not cheaper than the incumbent."""
 
     SKIPPED = "skipped"
     """No motion was fitted, because the path costs too much."""
@@ -31,10 +31,10 @@ class ProposalOutcome(StrEnum):
     """The deadline passed before a motion was fitted."""
 
     NO_PATH = "no path"
-    """The proposer found no path, or no further one."""
+    """The proposer found no path, or no further path."""
 
     FAILED = "failed"
-    """An error ended the planner after there was a motion, which is kept."""
+    """An error ended the planner after it had found a motion, which is kept."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class PlanLog:
         error: Exception,
         outcome: ProposalOutcome = ProposalOutcome.NO_PATH,
     ) -> None:
-        """Append an entry on an error, unless this proposer has an entry with the same reason.
+        """Append an entry about an error, unless the proposer has one with the same reason.
 
         The reason is the error's sentence. The type of the error precedes it if the error is not an
         `MhsbError`.
@@ -118,7 +118,7 @@ class PlanLog:
 
     @contextmanager
     def record_failure(self, proposer: str) -> Iterator[None]:
-        """Suppress an `MhsbError` in the `with` block, and log it as NO_PATH (context manager).
+        """Log an `MhsbError` of the `with` block as NO_PATH, and suppress it (context manager).
 
         Other exceptions are not suppressed.
 

@@ -78,19 +78,19 @@ MAX_REMAINING_TIME, MAX_GOAL_DISTANCE, MAX_STREAMED_GOAL_DISTANCE = 1.0, 5e-3, 0
 """Conditions under which a moving arm goes straight to the goal (steering).
 
 The first value is the longest duration of the remaining part of the plan in force [s]. The second
-is the largest distance of its end from the goal [m]. The third replaces the second if the goal
-moves [m].
+is the largest distance of the plan's end from a goal that stands still [m], and the third from a
+goal that moves [m].
 """
 
 MAX_POSTURE_TURN_RATE = 0.2
-"""Largest change of the end-link angle between plans to a moving goal, over the goal's period
+"""Largest change of the end-link angle between plans to a moving goal, divided by the goal's period
 [rad/s].
 
-The posture then follows the goal without jumping to and fro.
+With this limit, the posture follows the goal without jumps.
 """
 
 _warmed_up: set[tuple[str, bool]] = set()
-"""Path planners whose kernels this process has loaded, each for arms that slew (True) or not."""
+"""Path planners whose kernels this process has loaded, with True for arms that slew."""
 
 
 class Planner:
@@ -103,7 +103,7 @@ class Planner:
     """
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
-        """Store machine and table, and build the step graph (steps between the table's postures).
+        """Store machine and table, and build the graph of steps between the table's postures.
 
         Args:
             machine: The whole arm.
@@ -254,7 +254,7 @@ class Planner:
         return replace(plan, start_problems=problems)
 
     def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
-        """Compile and load all code, and add the time for this to a plan's deadline.
+        """Compile and load all code, and postpone a plan's deadline by the time for this.
 
         This happens only before the first plan with a deadline in this process, once for each path
         planner.
@@ -392,8 +392,8 @@ class Planner:
             options: Options with goal region, end-link angle and via points.
 
         Returns:
-            True if it ends there with an admissible end-link angle. False if there are via points,
-            because it is not known which of them have been passed.
+            True if it ends there with an admissible end-link angle. False if the options have via
+            points, because it is not known which of these have been passed.
         """
         end = remainder.position[-1]
         return options.is_goal_reached(self.machine, goal, end) and not options.via
@@ -409,7 +409,7 @@ class Planner:
         """Create the request for paths.
 
         The departure is the posture from which paths are searched. If the motion steers to a moving
-        goal and the options leave the end-link angle ψ free, the request restricts ψ. ψ may differ
+        goal and the options leave the end-link angle ψ free, the request limits ψ: it may differ
         from its value at the departure by at most MAX_POSTURE_TURN_RATE times the goal's period.
 
         Args:
@@ -442,12 +442,11 @@ class Planner:
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile and load all kernels that a plan needs.
 
-    The first plan with a deadline in a process does this by itself. Afterwards, plans of this
-    process do it no more for these path planners.
+    Otherwise, the first plan with a deadline in a process does this for its path planner.
 
     Args:
-        planner: The planner. Obstacles are removed from its machine during the call. Its machine
-            and graph are restored at the end.
+        planner: The planner. Its machine has no obstacles during the call; machine and graph are
+            restored at the end.
         kinds: Names of the path planners that will be used; None means all.
     """
     compile_planner()

@@ -1,4 +1,4 @@
-"""State of the planning loop that the searches for paths read: deadlines and the incumbent."""
+"""State of the planning loop that the searches for paths read: deadlines, and progress so far."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class PlanProgress:
 
     @property
     def is_half_over(self) -> bool:
-        """True if less time is left until `search_deadline` than has passed since the creation.
+        """True if less time is left until `search_deadline` than has passed since creation.
 
-        It is False if there is no deadline.
+        False if there is no deadline.
         """
         return now() - self._began > self.search_deadline.remaining
 
@@ -50,6 +50,6 @@ class PlanProgress:
     def search_deadline(self) -> Deadline:
         """Deadline of the search: earlier than `deadline` by `reserve`.
 
-        No motion can be fitted in time to a path that is found later.
+        If a path is found later, no motion can be fitted to it in time.
         """
         return self.deadline.earlier_by(self.reserve)

@@ -41,7 +41,7 @@ def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any]) -> Path:
 
     Args:
         path: The file; missing directories are created.
-        content: Content, which is indented by 2 spaces. A line break follows it.
+        content: Content. It is indented by 2 spaces and followed by a line break.
 
     Returns:
         The path.

@@ -1,4 +1,4 @@
-"""Moves by which planners are compared and timed: those of the paper's cases, and random ones."""
+"""Moves by which planners are compared and timed: moves of the paper's cases and random moves."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Move(NamedTuple):
 def list_case_moves(machine: Machine) -> dict[str, Move]:
     """Return the moves of the paper's Cases 1 to 4, without repetition.
 
-    Only cases that name the table planner are used. Several cases with the same start and the same
-    goal give one move, with name and start posture of the first of these cases.
+    Only cases with the planner `table` are used. Cases with equal start and goal give one move,
+    with the name and start posture of the first case.
 
     Args:
         machine: The machine.
@@ -60,7 +60,7 @@ def list_case_moves(machine: Machine) -> dict[str, Move]:
 
 
 def draw_random_position(machine: Machine, random: np.random.Generator) -> Position:
-    """Draw a random point of the workspace of the machine file, within the arm's reach or not.
+    """Draw a random point of the workspace of the machine file, even if the arm cannot reach it.
 
     In the arm's plane, the point is uniform over an area. The area lies between two radii around
     the origin, and x is not below a minimum. If the arm slews, the slew angle is uniform over its
@@ -91,7 +91,7 @@ def yield_random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -
     1. Moves without a plan are skipped and not counted.
 
     Args:
-        planner: Planner that must find a plan with its default options.
+        planner: Planner that decides, with its default options, whether a move has a plan.
         count: Number of moves.
         seed: Seed of the random choice.
 

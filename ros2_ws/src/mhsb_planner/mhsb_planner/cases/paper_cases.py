@@ -30,8 +30,8 @@ class PaperCase:
         goal: Tip position at the goal [m].
         weights: Weights of energy, time and mode switches.
         planner: Name of the planner.
-        initial_j3: Angle at which the conventional method (`fixed`) keeps joint 3 [rad]; None: as
-            in the posture table at the start.
+        initial_j3: Angle at which the conventional method (`fixed`) keeps joint 3 [rad]. None:
+            joint 3 keeps its angle in the posture table's start posture.
     """
 
     name: str
@@ -45,12 +45,13 @@ class PaperCase:
         """Compute the posture at rest from which the case is planned.
 
         The tip is at `start`. If the planner is `fixed` and `initial_j3` is given, joint 3 has that
-        angle. If the other joints have no solution then, joint 3 is moved off it in steps of 1°
-        until they have one.
+        angle. If the other joints have no solution at this angle, joint 3 is moved away from it in
+        steps of 1° until there is one.
 
-        In all other cases it is the posture with the largest velocity polytope in mode N (main pump
-        alone) of all actuators. The polytope contains all tip velocities that the pistons allow. If
-        the machine slews, the slew angle is the one nearest to 0 that puts the tip there.
+        In all other cases, the result is the posture with the largest velocity polytope while all
+        actuators are in mode N (main pump alone). The polytope contains all tip velocities that the
+        pistons allow. If the machine slews, the slew angle is the nearest to 0 at which the tip is
+        at `start`.
 
         Args:
             machine: The machine; it may slew.
