@@ -1,7 +1,7 @@
 """Lag-compensated control: for machines with proportional valves and without pressure sensors.
 
 Such machines have dead bands, slow sensors, and delays and lags of a few tenths of a second. The
-plan is known ahead, so that each command is sent earlier by delay and lag:
+plan is known ahead, so each command is sent earlier by the time of delay and lag:
 
     u(t) = g(v),   v = v_ref(t + h) + k_p e
     e    = L_ref(t + h) − mean of L(τ) + ∫ f(u(s)) ds   over s from τ − h to t
@@ -10,19 +10,18 @@ g is the inverse curve of the valve: it gives the command u for a piston speed v
 speed that a command causes. h is delay plus lag. g and h are learnt for each actuator
 (`actuator_response`). L is the length of the cylinder, and L_ref and v_ref are length and speed of
 the reference. e is the position error, and k_p is a gain. The integral in e predicts the stroke
-that commands cause after τ. So no correction is made twice (Smith predictor).
+that commands cause after τ, so that an error is not corrected twice (Smith predictor).
 
-The mean is taken over the τ of one period of the joint's oscillation on its oil. So this
-oscillation does not pass through the delayed feedback, which would excite it. There is no integral
-part: the learnt curve removes lasting errors. An integral would wind up while a dead band is
-learnt.
+The mean runs over the τ of one period of the joint's oscillation on its oil. It hides this
+oscillation from the delayed feedback, which would excite it. There is no integral part: the learnt
+curve removes lasting errors. An integral would wind up while a dead band is learnt.
 
 At rest the position is corrected by single commands. A new correction begins only when the previous
 correction has acted.
 
-Speeds beyond the fastest known knot of a curve are limited until the curve is known. Servo pumps
-deliver the flow A_dir |v| that the pistons take at the demanded speeds. A_dir is the piston area
-into which oil flows. No pressure is read.
+The demanded speed is limited to a multiple of the speed at the curve's fastest known knot, at first
+to a share of the speed limit. Servo pumps deliver the flow A_dir |v| that the pistons take at the
+demanded speeds. A_dir is the piston area into which oil flows.
 
 Source: O. J. M. Smith, Closer control of loops with dead time (1957); Z. Artstein, Linear systems
 with delayed controls (1982); M. Jelali, A. Kroll, Hydraulic Servo-systems (dead band compensation).
@@ -111,22 +110,23 @@ class LagCompensationSettings:
 
     Origin: lags up to 0.2 s."""
     standing_delays: float = 1.5
-    """Time for which a command must have acted until a standing piston shows that it lies in the
-    dead band, in delays, 0 … 1.5.
+    """Time for which a command must act without motion before it counts as inside the dead band, in
+    delays, 0 … 1.5.
 
-    Origin: chosen; after half the delay a lag that makes up most of it has reached 0.8 of its
+    Origin: chosen; after 1.5 delays, a lag that makes up most of the delay has reached 0.8 of its
     end."""
     spread_share: float = 0.4
     """Standard deviation of a command, as a share of its change in window and settling time, 0.1 …
     1.
 
-    Origin: chosen; the lag is not known exactly, so that the command of a ramp is not, either."""
+    Origin: chosen; the lag, and so the command that acts during a ramp, is not known exactly."""
     max_spread_ratio: float = 1.1
-    """Largest standard deviation of the lengths in a window from which a curve is learnt, as a
-    multiple of that of a uniform motion with the same stroke, 1 … 1.21.
+    """Largest standard deviation of the lengths in a window from which a curve is learnt, relative
+    to uniform motion with the same stroke, 1 … 1.21.
 
-    Origin: the command causes a nearly uniform motion. An oscillation about a fixed length has at
-    least 1.216 in any window of one to six periods (computed on a grid of windows and phases)."""
+    Origin: the command causes a nearly uniform motion, with a ratio near 1. For an oscillation
+    about a fixed length the ratio is at least 1.216 in any window of one to six periods (computed
+    on a grid of windows and phases)."""
     min_speed_ratio: float = 0.01
     """Speed that counts as standstill, as a share of the speed limit, 0.001 … 0.1.
 
@@ -140,19 +140,18 @@ class LagCompensationSettings:
 
     Origin: chosen; slow enough to see what the arm does."""
     known_speed_factor: float = 2.0
-    """Demanded speed that is allowed, as a multiple of the fastest known knot's, 1 … 10.
+    """Largest demanded speed, as a multiple of the speed at the fastest known knot, 1 … 10.
 
     Origin: the spacing of the knots."""
     max_creep_ratio: float = 16.0
     """Largest ratio of real to predicted motion in corrections at rest, 1 … 100.
 
-    Origin: the curve is steep beyond a dead band; an error of 0.02 of the command is a factor
-    10."""
+    Origin: the curve is steep beyond a dead band; an error of 0.02 in the command changes the speed
+    by a factor of 10."""
     end_share: float = 0.02
-    """Share of the cylinder's range at either end in which nothing is learnt of motion towards that
-    end, 0 … 0.2.
+    """Share of the stroke at each end in which motion towards this end teaches nothing, 0 … 0.2.
 
-    Origin: chosen; stops of real arms lie a little inside of the limits that files have."""
+    Origin: chosen; the stops of real arms lie a little inside the limits of the machine file."""
     response: ResponseSettings = field(default_factory=ResponseSettings)
     """Settings of the estimates of curves and delay."""
 
@@ -187,11 +186,11 @@ class LagCompensatedAxis:
             period: Control period [s].
             gains: Gains of the controller.
             settings: Tuned numbers.
-            ends: Two lengths of the cylinder [m]. Below the first, nothing is learnt while the
-                piston retracts. Above the second, nothing is learnt while the piston extends.
+            ends: Two cylinder lengths [m]: retracting motion teaches nothing below the first,
+                extending motion nothing above the second.
             frequency: Lowest natural frequency of the joint on the oil of its cylinder [rad/s].
-            declared: Commands at the knots of both curves by the machine file's table, float64[k];
-                None without a table.
+            declared: Commands at the knots of the two curves, from the machine file's valve table,
+                float64[k]; None without a table.
         """
         self._ends = ends
         self._gains, self._settings, self._max_speed = gains, settings, max_speed
@@ -239,7 +238,7 @@ class LagCompensatedAxis:
     def _command(self, look_ahead: LookAhead) -> float:
         """Compute the valve command of this control period.
 
-        The command causes the speed that the reference has one delay from now, plus a correction in
+        The demanded speed is the reference's speed one delay from now, plus a correction in
         proportion to the error. The error is the reference length minus a mean predicted length. A
         predicted length is a measured length plus the stroke that commands cause after the
         measurement. The mean runs over one period of the joint's oscillation on its oil. Once the
@@ -292,17 +291,17 @@ class LagCompensatedAxis:
         return math.copysign(min(command, 1.0), self.speed)
 
     def _tolerates_error(self, error: float) -> bool:
-        """Return whether a resting piston is left alone at a position error.
+        """Return whether the position error of a resting piston is left uncorrected.
 
         A correction begins when the error exceeds `rest_error`. It ends when the error changes its
-        sign. If the valve's curve is known, a correction begins only after commands of 0 for two
-        delays plus the time over which lengths are averaged.
+        sign. If the valve's curve is known, a correction begins only after the command has been 0
+        for two delays plus the time over which lengths are averaged.
 
         When a correction begins, its error is stored, and the ratio of real to predicted motion at
         rest is updated. If the error has changed its sign since the last correction began, that
         correction went too far, and the ratio is doubled. Otherwise the ratio is multiplied by 0.8.
         The ratio stays within 1 … `max_creep_ratio`. The first correction after a motion does not
-        change it.
+        change the ratio.
 
         Args:
             error: Reference length minus predicted length [m].
@@ -325,10 +324,10 @@ class LagCompensatedAxis:
         return False
 
     def _predict_strokes(self) -> FloatArray:
-        """Return the strokes that past commands cause, summed from the oldest, float64[k + 1], [m].
+        """Return the running sum of the strokes that past commands cause, float64[k + 1], [m].
 
-        Entry i is the stroke by all commands that are older than `_ages[i]`. k is the number of
-        kept commands. A stroke is positive in extension.
+        Entry i is the stroke caused by all commands older than `_ages[i]`. k is the number of kept
+        commands. A stroke is positive in extension.
         """
         extending, retracting = self.curves
         commands = self._commands
@@ -339,11 +338,11 @@ class LagCompensatedAxis:
     def _learn(self) -> None:
         """Update curves and delay from the mean speed of the piston in the last window.
 
-        The delay is learnt only once a knot of both curves is known. A curve is learnt only if all
-        commands that caused the motion had one direction. The piston must also have moved in this
-        direction, and nearly uniformly (`max_spread_ratio`), so that an oscillation on the oil does
-        not count. Near an end of the stroke no curve is learnt from commands towards that end. If
-        the piston stands, its dead band may be raised (`_learn_dead_band`).
+        The delay is learnt only once each curve has a known knot. A curve is learnt only if all
+        commands that caused the motion had one direction. The piston must have moved in this
+        direction, and nearly uniformly (`max_spread_ratio`); this excludes oscillation on the oil.
+        Near an end of the stroke no curve is learnt from commands towards that end. If the piston
+        stands, its dead band may be raised (`_learn_dead_band`).
         """
         s = self._settings
         time = self._window * self._period
@@ -374,12 +373,13 @@ class LagCompensatedAxis:
             self.curves[int(high < 0.0)].learn(forwards, command, 1.0 / self._window, spread)
 
     def _learn_dead_band(self, acted: FloatArray) -> None:
-        """Raise the dead band of a direction if the piston stands, although a command has acted.
+        """Raise the dead band of a direction if the piston stands in spite of a command.
 
         The piston stands if its mean speed over a window is below `min_speed_ratio`. The window is
         short until a knot of the curve is known. After that, it covers at least one period of the
         joint's oscillation on its oil. All commands in the window and in the settling time before
-        it must have one direction. The smallest of them is a lower bound of the dead band.
+        it must have one direction. The smallest of these commands is a lower bound of the dead
+        band.
 
         Args:
             acted: Commands that are older than the delay, float64[k], in time order.
@@ -397,7 +397,7 @@ class LagCompensatedAxis:
 def compute_declared_commands(
     valves: Imperfections, max_speed: float, full_speeds: tuple[float, float]
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Compute the commands at the knots of both inverse curves from the file's valve table.
+    """Compute the commands at the knots of both inverse curves from the machine file's valve table.
 
         u = o + (1 − o) [T⁻¹(v/V)]^(1/n)
 
@@ -439,7 +439,7 @@ class LagCompensatedController:
         "following_error": (0.15, 0.5),
         "held": (5.0, 15.0),
     }
-    """Warning and stop limits of supervision [rad] and [s], wide enough for a servo that learns."""
+    """Warning and stop limits of supervision [rad or s], wide enough for a servo that learns."""
     preview = 0.3
     settings: ClassVar[LagCompensationSettings] = LagCompensationSettings()
 
@@ -513,8 +513,8 @@ class LagCompensatedController:
     def restore(self, learnt: Mapping[str, ActuatorResponse]) -> None:
         """Replace curves and delays with the values of an estimates file.
 
-        A delay that the file marks as not known is ignored. A longer delay than `max_delay` is
-        limited to it.
+        A delay that the file marks as unknown is ignored. A delay longer than `max_delay` is
+        replaced by `max_delay`.
 
         Args:
             learnt: Response of each actuator by its name.
@@ -531,8 +531,8 @@ class LagCompensatedController:
     def estimates(self) -> list[Estimate]:
         """Dead band (mean of both directions) and delay of each actuator.
 
-        A dead band counts as known once a knot of the curve of each direction is known. A known
-        delay has the standard deviation `delay_spacing`, an unknown one `max_delay`.
+        A dead band counts as known once a knot of the curve of each direction is known. The
+        standard deviation is `delay_spacing` for a known delay, `max_delay` for an unknown delay.
         """
         found = []
         for name, axis in zip(self._names, self.axes, strict=True):
