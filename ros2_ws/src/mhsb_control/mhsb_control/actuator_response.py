@@ -63,39 +63,33 @@ class ResponseSettings:
     """First step by which the dead band is raised above a command that has not moved the piston, as
     a share of c, 0.01 … 0.5.
 
-    Origin: chosen; the piston then starts at an eighth of its speed limit.
-    """
+    Origin: chosen; the piston then starts at an eighth of its speed limit."""
     known_dead_band_step: float = 0.02
     """First step of the dead band after the valve has driven the piston, as a share of c, 0.005 …
     0.5.
 
-    Origin: chosen; with a larger value, slow speeds would never be learnt.
-    """
+    Origin: chosen; with a larger value, slow speeds would never be learnt."""
     min_driven_ratio: float = 0.1
     """Smallest measured speed that shows that the valve has driven the piston, as a share of the
     speed limit, 0.02 … 1. It applies to windows of 0.2 s; in longer windows the piston must make
     the same stroke. `known_dead_band_step` is used from then on.
 
     Origin: a piston that oscillates on its oil is slower. When oscillations counted, an 8 t machine
-    stood still for over a minute (2 of 8 random plants).
-    """
+    stood still for over a minute (2 of 8 random plants)."""
     dead_band_step: float = 0.05
     """Largest step by which the dead band is raised, as a share of the full command, 0.005 … 0.2.
 
-    Origin: chosen; half of the full dead band is crossed in some seconds.
-    """
+    Origin: chosen; half of the full dead band is crossed in some seconds."""
     step_doubling: float = 5.0
     """Number of independent windows without motion after which the step of the dead band doubles, 1
     … 100.
 
-    Origin: chosen; a second of standstill with windows of 0.2 s.
-    """
+    Origin: chosen; a second of standstill with windows of 0.2 s."""
     max_dead_band: float = 0.6
     """Smallest command at which a standing piston counts as blocked, as a share of the full
     command, 0.3 … 1.
 
-    Origin: excavators have up to 0.48.
-    """
+    Origin: excavators have up to 0.48."""
     gain_deviation: float = 0.4
     """Standard deviation σ_g of the gain, a share of the assumed one, 0.05 … 1.
 

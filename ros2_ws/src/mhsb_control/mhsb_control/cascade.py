@@ -128,8 +128,7 @@ class CascadeSettings(Record):
     chosen.
 
     30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), +0.1 and +0.3 %
-    (excavator).
-    """
+    (excavator)."""
     integral_limit_ratio: float = 6.0
     """Ratio of the speed limit V_max to the largest |w|, 1 … 1000.
 
@@ -142,8 +141,7 @@ class CascadeSettings(Record):
 
     Origin: chosen; a spool with a first-order lag has covered 63 % of its overlap by then.
 
-    30 % smaller and larger: not measured.
-    """
+    30 % smaller and larger: not measured."""
     load: LoadSettings = field(default_factory=LoadSettings)
     """Tuned numbers of the estimates of payload and friction."""
 

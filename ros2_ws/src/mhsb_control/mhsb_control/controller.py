@@ -129,20 +129,17 @@ class Controller(Protocol):
     gains_section: type[Section]
     """Schema of the controller's section of the machine file: each gain with range, unit and
     default. Its `search_ranges` are the gains that `tune` searches. `tune` leaves out a controller
-    without `search_ranges`.
-    """
+    without `search_ranges`."""
 
     usual_error: float
     """Normal distance of the tip from its reference, for an arm of the paper's size [m]. The
     distance is scaled with the size of the arm. The reference governor slows the plan if the tip is
-    farther away.
-    """
+    farther away."""
 
     preview: float
     """Time by which modes are prepared in advance [s]; 0 if modes are not prepared. The reference
     reaches further ahead. If a controller has a gain `preview`, plans for all controllers charge
-    lines earlier by this gain.
-    """
+    lines earlier by this gain."""
 
     def __init__(self, machine: Machine, signals: ServoSignals, gains: Any) -> None:
         """Bind the controller to the signals that `update` will work on.

@@ -98,16 +98,14 @@ class CoordinationSettings(Record):
 
     A line that has left the rail stays separate up to the full flow of one pump. Origin: chosen.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator.
-    """
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     max_phase_lag: float = 0.9
     """Largest phase lag of the force loop at ω_F that delays may cause [rad], above 0 … π/2.
 
     Origin: derivation; a phase margin of 38 degrees remains.
 
     30 % smaller and larger, N = 5: RMS error −5.0 and −6.5 % (mhsb_arm3; overshoot −0.08 and
-    −0.05 MPa), +14.9 and −5.2 % (excavator; overshoot −1.21 and −1.72 MPa).
-    """
+    −0.05 MPa), +14.9 and −5.2 % (excavator; overshoot −1.21 and −1.72 MPa)."""
     max_resonant_phase_lag: float = 0.6
     """Largest phase lag of a fast joint's force loop at ω_F that delays may cause [rad], above 0 …
     π/2.
@@ -118,24 +116,21 @@ class CoordinationSettings(Record):
     of 0.1. Before the feedforward share was introduced, with 0.3, 0.44 and 0.6 and a delay of 20
     ms, the RMS error was 1.1, 1.0 and 0.8 mm/m (mhsb_arm3), 2.1, 2.0 and 1.8 mm/m (excavator).
 
-    30 % smaller and larger in the present form: not measured.
-    """
+    30 % smaller and larger in the present form: not measured."""
     min_speed_ratio: float = 1.1
     """Share of the reference's speed that may always be demanded of a piston, 1 … 10.
 
     Origin: chosen; the loops need a speed above the reference's to catch up with it.
 
     30 % smaller and larger, N = 5: RMS error +53.5 and −17.3 % (mhsb_arm3), +20.1 and +0.5 %
-    (excavator; overshoot −2.30 and −0.02 MPa).
-    """
+    (excavator; overshoot −2.30 and −0.02 MPa)."""
     idle_flow_share: float = 0.02
     """Share of a pump's flow below which its rail may be shut, 0 … 1.
 
     Origin: chosen; this remaining flow raises the pressure of the shut rail.
 
     30 % smaller and larger, N = 5: RMS error −4.3 and −0.9 % (mhsb_arm3), −0.1 and +0.1 %
-    (excavator).
-    """
+    (excavator)."""
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,7 @@ class LineSettings(Record):
     Origin: chosen on the suite's own arm.
 
     30 % smaller and larger, N = 5: RMS error +2.4 and −15.2 % (mhsb_arm3; overshoot −0.07 and
-    +0.05 MPa), −5.6 and −0.3 % (excavator; overshoot −2.33 and −0.57 MPa).
-    """
+    +0.05 MPa), −5.6 and −0.3 % (excavator; overshoot −2.33 and −0.57 MPa)."""
     volume_deviation: float = 3.7e-4
     """Standard deviation of a window's stroke of a moving piston, in full pump flows [s], 0 … 1.
 
@@ -137,8 +136,7 @@ class LineSettings(Record):
     Origin: four times the pressure that droop of the main pump and sensor errors of 0.5 % may hide.
 
     30 % smaller and larger, N = 5: RMS error −4.8 and −9.6 % (mhsb_arm3), +2.3 and −3.9 %
-    (excavator; overshoot −2.56 and −2.34 MPa).
-    """
+    (excavator; overshoot −2.56 and −2.34 MPa)."""
     joined_drop: float = 1e5
     """Pressure difference up to which a line and the rail count as one volume [Pa], 0 … 1e7.
 

@@ -44,8 +44,7 @@ class LoadSettings(Record):
     differs from that of steady motion.
 
     30 % smaller and larger, N = 5: RMS error −3.9 and +2.2 % (mhsb_arm3), +2.2 and +1.4 %
-    (excavator; overshoot −2.49 and +0.01 MPa).
-    """
+    (excavator; overshoot −2.49 and +0.01 MPa)."""
     max_inertia_share: float = 0.1
     """Largest inertia torque in steady motion, as a share of the weight's torque, 0 … 1.
 
@@ -90,8 +89,7 @@ class LoadSettings(Record):
     interval of the payload contains the true one in 92 … 98 % of draws.
 
     30 % smaller and larger, N = 5: RMS error +0.1 and −2.7 % (mhsb_arm3), −6.6 and −5.6 %
-    (excavator; overshoot −0.32 and +0.13 MPa).
-    """
+    (excavator; overshoot −0.32 and +0.13 MPa)."""
     max_payload_ratio: float = 2.0
     """Largest payload estimate, in multiples of the machine file's payload, 1 … 100.
 

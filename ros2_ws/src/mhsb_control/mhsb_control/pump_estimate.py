@@ -40,8 +40,7 @@ class DriveSettings(Record):
     windows.
 
     30 % smaller and larger, N = 5: RMS error −11.6 and −6.0 % (mhsb_arm3), −2.4 and −0.8 %
-    (excavator; overshoot −2.59 and −1.65 MPa).
-    """
+    (excavator; overshoot −2.59 and −1.65 MPa)."""
     initial_deviation: float = 0.6
     """Initial standard deviation of θ, as a share of the machine file's value, above 0 … 10.
 
@@ -56,8 +55,7 @@ class DriveSettings(Record):
     chosen.
 
     30 % smaller and larger, N = 5: RMS error −10.9 and −3.2 % (mhsb_arm3; overshoot −0.00 and
-    −0.05 MPa), −4.5 and −1.3 % (excavator; overshoot −0.37 and −2.48 MPa).
-    """
+    −0.05 MPa), −4.5 and −1.3 % (excavator; overshoot −0.37 and −2.48 MPa)."""
     min_excitation: float = 0.3
     """Smallest |Σ (Q_cmd − Q)| of a used window, as a multiple of a pump's full flow, 0 … 10.
 
@@ -71,8 +69,7 @@ class DriveSettings(Record):
     Origin: L. Ljung recommends 0.98 … 0.995 for plants that change slowly.
 
     Distance to 1 30 % smaller and larger, N = 5: RMS error −4.3 and +2.3 % (mhsb_arm3; overshoot
-    −0.07 and +0.00 MPa), −11.5 and −6.0 % (excavator; overshoot −2.89 and −0.28 MPa).
-    """
+    −0.07 and +0.00 MPa), −11.5 and −6.0 % (excavator; overshoot −2.89 and −0.28 MPa)."""
     min_lag_ratio: float = 0.2
     """Smallest lag of a healthy pump, in multiples of the machine file's, above 0 … 1.
 
@@ -99,16 +96,14 @@ class DriveSettings(Record):
     Origin: three standard deviations.
 
     30 % smaller and larger, N = 5: RMS error 0 and −0.2 % (mhsb_arm3), +0.1 and +0.4 %
-    (excavator; overshoot −0.10 and −1.33 MPa).
-    """
+    (excavator; overshoot −0.10 and −1.33 MPa)."""
     min_lag_deviation: float = 0.03
     """Smallest standard deviation of the lag, as a share of it, 0 … 1.
 
     The estimated deviation never falls below it. Origin: chosen.
 
     30 % smaller and larger, N = 5: RMS error −3.2 and −10.3 % (mhsb_arm3), −3.5 and +3.1 %
-    (excavator; overshoot −0.46 and −1.29 MPa).
-    """
+    (excavator; overshoot −0.46 and −1.29 MPa)."""
 
 
 class PumpDynamics(Record):

@@ -71,8 +71,7 @@ class PumpSettings(Record):
     then not overfilled.
 
     30 % smaller and larger, N = 5: RMS error −1.2 and −4.3 % (mhsb_arm3), +2.3 and +2.2 %
-    (excavator; overshoot −1.91 and −0.16 MPa).
-    """
+    (excavator; overshoot −1.91 and −0.16 MPa)."""
     max_gain_delay: float = 0.4
     """Largest pressure gain times the delay of commands [-], above 0 … 10.
 
@@ -98,16 +97,14 @@ class PumpSettings(Record):
 
     Origin: friction, and a reserve at which the reference governor does not act.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator.
-    """
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     min_diverted_share: float = 0.9
     """Share of its flow that a lent pump must lead to the rail to count as feeding the rail, 0 … 1.
 
     Origin: 2.3 time constants of the diverter.
 
     Distance to 1 30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +4.6 and −3.4
-    % (excavator; overshoot −0.43 and −2.77 MPa).
-    """
+    % (excavator; overshoot −0.43 and −2.77 MPa)."""
     lines: LineSettings = field(default_factory=LineSettings)
     """Tuned numbers of the estimates of oil compressibility and leakage."""
     drives: DriveSettings = field(default_factory=DriveSettings)

@@ -39,16 +39,14 @@ class ScalingSettings(Record):
     0.05 m with 0.5 1/s.
 
     30 % smaller and larger, N = 5: RMS error −3.0 and −4.0 % (mhsb_arm3; overshoot +0.19 and
-    −0.04 MPa), −2.2 and +2.9 % (excavator; overshoot −3.52 and +0.68 MPa).
-    """
+    −0.04 MPa), −2.2 and +2.9 % (excavator; overshoot −3.52 and +0.68 MPa)."""
     max_recovery: float = 0.25
     """Largest ṡ, as a share of the largest −ṡ, above 0 … 1.
 
     Origin: chosen, so that speeding up does not use up a pressure reserve that has just returned.
 
     30 % smaller and larger, N = 5: RMS error −6.1 and −3.1 % (mhsb_arm3), +0.4 and +9.1 %
-    (excavator; overshoot −2.03 and −1.31 MPa, falls +1 and +0).
-    """
+    (excavator; overshoot −2.03 and −1.31 MPa, falls +1 and +0)."""
     slowing_time: float = 0.04
     """Time in which the largest |s̈| reaches the largest −ṡ [s], 0.001 … 1.
 

@@ -18,8 +18,7 @@ SAMPLING_SEED = 1
 SLOWEST_DECAY = 0.0128
 """Smallest decay rate of the linear loop, divided by the lowest natural frequency of the arm.
 
-It is required in every posture with every payload. For the suite's own arm it is 0.3 1/s.
-"""
+It is required in every posture with every payload. For the suite's own arm it is 0.3 1/s."""
 
 
 def build_closed_loop_matrix(

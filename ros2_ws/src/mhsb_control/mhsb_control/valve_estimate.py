@@ -98,8 +98,7 @@ class ValveSettings(Record):
     In standard deviations of a measured stroke. Origin: three standard deviations.
 
     30 % smaller and larger, N = 5: RMS error −3.6 and −0.6 % (mhsb_arm3), −3.8 and −0.8 %
-    (excavator; overshoot −2.25 and +0.32 MPa).
-    """
+    (excavator; overshoot −2.25 and +0.32 MPa)."""
     gain_deviation: float = 0.15
     """Initial standard deviation of g [-], above 0 … 1.
 
@@ -157,8 +156,7 @@ class ValveSettings(Record):
     is sensor noise.
 
     30 % smaller and larger, N = 5: RMS error −2.4 and −3.3 % (mhsb_arm3), +2.7 and +6.7 %
-    (excavator; overshoot −0.28 and −0.80 MPa).
-    """
+    (excavator; overshoot −0.28 and −0.80 MPa)."""
     stroke_deviation: float = 0.03
     """Standard deviation of a window's stroke, as a share of itself, 0 … 1.
 
@@ -173,8 +171,7 @@ class ValveSettings(Record):
     plausibility; half of the smallest valve gain in config/variations.yaml would be 0.4.
 
     30 % smaller and larger, N = 5: RMS error +8.1 and −2.9 % (mhsb_arm3), +0.3 and +0.4 %
-    (excavator).
-    """
+    (excavator)."""
     max_gain: float = 1.6
     """Largest estimate of g [-], 1 … 10.
 
@@ -193,8 +190,7 @@ class ValveSettings(Record):
 
     It is added to `overlap_deviation`. Origin: chosen.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator, which declare none.
-    """
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator, which declare none."""
     surprise: float = 3.0
     """Number of standard deviations by which a window's stroke must be too short to be surprising,
     1 … 100.
@@ -202,32 +198,28 @@ class ValveSettings(Record):
     Origin: three standard deviations.
 
     30 % smaller and larger, N = 5: RMS error −3.9 and −3.2 % (mhsb_arm3), −3.9 and −4.8 %
-    (excavator; overshoot +2.65 and +0.39 MPa).
-    """
+    (excavator; overshoot +2.65 and +0.39 MPa)."""
     min_surprises: int = 3
     """Number of surprising windows in sequence after which overlap counts as the cause, 1 … 25.
 
     A piston that lags because of a slow valve or a late command catches up within fewer windows.
     Origin: 120 ms, six times a lag or delay of 20 ms. With 2, 3 and 5 windows, 0, 1 and 2 of 3
     sequences of mhsb_arm3 reach their end if its valve lag is 20 ms. With an overlap of 25 %, 3, 3
-    and 2 do (excavator: overshoot 1.2, 3.1 and 3.8 MPa).
-    """
+    and 2 do (excavator: overshoot 1.2, 3.1 and 3.8 MPa)."""
     min_driving_pressure: float = 8.0
     """Smallest line pressure beyond p_L at which a standing piston indicates overlap, 0 … 1000.
 
     In laminar pressures of the valve; p_L is the load pressure. At a lower pressure, even an open
     valve passes almost no flow. Origin: chosen.
 
-    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +22.9 and 0 % (excavator).
-    """
+    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +22.9 and 0 % (excavator)."""
     overlap_speed: float = 0.025
     """u_s: demanded speed below which the overlap is only partly crossed [V_max], above 0 … 1.
 
     Origin: chosen, so that sensor noise at rest does not cross the overlap.
 
     30 % smaller and larger, N = 5: RMS error −3.5 and −4.6 % (mhsb_arm3; overshoot +0.03 and
-    −0.07 MPa), −0.9 and +3.6 % (excavator; overshoot −2.70 and −1.76 MPa).
-    """
+    −0.07 MPa), −0.9 and +3.6 % (excavator; overshoot −2.70 and −1.76 MPa)."""
     min_pressure_drop: float = 0.4
     """Smallest pressure drop that is assumed over a valve edge [laminar pressures], above 0 … 100.
 
@@ -235,8 +227,7 @@ class ValveSettings(Record):
     pressure.
 
     30 % smaller and larger, N = 5: RMS error −10.2 and −1.7 % (mhsb_arm3; overshoot +0.16 and
-    −0.01 MPa), −1.1 and +1.9 % (excavator; overshoot +0.06 and −0.25 MPa).
-    """
+    −0.01 MPa), −1.1 and +1.9 % (excavator; overshoot +0.06 and −0.25 MPa)."""
 
 
 class EstimatedValve(Record):

@@ -41,8 +41,7 @@ from mhsb_model.types import FloatArray, frozen
 MAX_INERTIA_POSTURES = 2000
 """Largest number of postures for which inertias are evaluated. The corners of the joint ranges are
 always evaluated, even if there are more of them. With ten times as many, the smallest inertias of
-the suite's machines change by at most 5 %. The evaluation takes 2 ms.
-"""
+the suite's machines change by at most 5 %. The evaluation takes 2 ms."""
 
 SETTLING_TIME = 3.0
 """Value of ζ ω t at which a second-order system has settled within 5 % [-]."""
@@ -50,8 +49,7 @@ SETTLING_TIME = 3.0
 PLANNED_SHARE = 0.9
 """Share of acceleration and jerk limits that plans use [-]. A braking command is the plan's curve,
 slowed and sampled again. If the jerk of the plan jumps, the braking command exceeds the plan's
-values by up to a few percent.
-"""
+values by up to a few percent."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,8 +132,7 @@ OTHER_UNITS = {
 }
 """For each SI unit: other units that users may mean, each with its factor to the SI unit.
 
-The unit "-" stands for a share.
-"""
+The unit "-" stands for a share."""
 
 
 def suggest_unit(

@@ -72,8 +72,7 @@ FIELDS_OUTSIDE_TABLE_HASH: dict[str, Any] = {
 """Parts of the machine file that a posture table does not depend on. A table stays valid if they
 change.
 
-The format is that of `exclude` in pydantic's `model_dump`.
-"""
+The format is that of `exclude` in pydantic's `model_dump`."""
 
 
 class FileRating(NamedTuple):
@@ -100,8 +99,7 @@ class Machine:
     """Numbers of the configuration as flat arrays for kernels."""
     shadows: Obstacles = field(repr=False, default=NO_OBSTACLES)
     """Shadows: obstacles in the arm's plane that stand for zones in space, beside the file's
-    obstacles.
-    """
+    obstacles."""
     file_rating: FileRating | None = field(repr=False, default=None)
     """Payload and supply pressure of the original machine file if `changed` made this machine, else
     None."""

@@ -864,8 +864,7 @@ BOOSTER_VALUES: dict[str, dict[str, Any]] = {
 }
 """Values of keys that a file may leave out if no booster module is fitted, by section.
 
-No oil flows through these parts; the values only keep the equations of the circuit regular.
-"""
+No oil flows through these parts; the values only keep the equations of the circuit regular."""
 
 
 def _complete_booster_keys(content: Any) -> Any:

@@ -16,8 +16,7 @@ from mhsb_model.types import FloatArray
 
 WORKSPACE_TOLERANCE = 1e-5
 """Distance by which the tip may leave the region on a straight joint move [m], to allow for
-rounding.
-"""
+rounding."""
 
 MOVE_SAMPLES = 8
 """Number of instants between the ends at which a straight joint move is checked."""

@@ -37,14 +37,12 @@ Result = TypeVar("Result")
 MAX_ATTEMPTS = 6
 """Number of processes that may crash during one task before the task fails.
 
-The limit is needed because the task itself may be the cause.
-"""
+The limit is needed because the task itself may be the cause."""
 
 STATES_PER_THREAD = 4
 """Number of shared states that a thread keeps.
 
-A worker thread of a cluster may execute tasks of several executors, each with its own state.
-"""
+A worker thread of a cluster may execute tasks of several executors, each with its own state."""
 
 _log = logging.getLogger(__name__)
 
@@ -343,8 +341,7 @@ _states = _ThreadStates()
 _process_state: list[SharedState | None] = []
 """State for the tasks of this process, as a list of one element.
 
-`_set_process_state` sets it when `_LocalExecutor` starts the process.
-"""
+`_set_process_state` sets it when `_LocalExecutor` starts the process."""
 
 
 def _set_process_state(shared: SharedState | None) -> None:

@@ -21,8 +21,7 @@ Point = tuple[float, float]
 Angle = float | tuple[float, float] | None
 """Admissible end-link angle ψ at the goal [rad].
 
-One value, a pair of least and greatest value, or None for any angle.
-"""
+One value, a pair of least and greatest value, or None for any angle."""
 
 REGION_SPACING = 0.05
 """Distance between neighbouring points of a region that planners try [m].

@@ -93,8 +93,7 @@ class GovernorSettings(Record):
     Origin: a line that lacks less than this in mode N loses almost no pressure during
     `boost_after`. The plan lets inertia use up its margin, and the measured reserve is late.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator.
-    """
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     release_above: float = 4.5e5
     """Reserve in mode N above which a requested boost ends [Pa], 0 … 1e7.
 
@@ -164,8 +163,7 @@ class GovernorSettings(Record):
     Up to one usual error the plan runs at full speed. Origin: chosen.
 
     30 % smaller and larger, N = 5: RMS error −15.0 and +2.3 % (mhsb_arm3; overshoot +0.08 and
-    +0.00 MPa), 0 and −0.7 % (excavator; overshoot +0.06 and −0.33 MPa).
-    """
+    +0.00 MPa), 0 and −0.7 % (excavator; overshoot +0.06 and −0.33 MPa)."""
     min_rate: float = 0.05
     """Smallest rate of a plan while the arm can still move, however far the tip is behind, 0 … 1.
 
@@ -173,8 +171,7 @@ class GovernorSettings(Record):
     the estimates that are to move the arm.
 
     30 % smaller and larger, N = 5: RMS error −3.9 and −3.0 % (mhsb_arm3), −3.7 and −0.7 %
-    (excavator; overshoot +0.15 and −0.14 MPa).
-    """
+    (excavator; overshoot +0.15 and −0.14 MPa)."""
     min_driving_pressure: float = 5e4
     """Smallest pressure beyond the load pressure p_L with which a line can still move its actuator
     [Pa].
@@ -183,8 +180,7 @@ class GovernorSettings(Record):
     suite's valves.
 
     30 % smaller and larger, N = 5: RMS error −3.8 and −0.2 % (mhsb_arm3), −1.3 and −0.9 %
-    (excavator).
-    """
+    (excavator)."""
     held_rate: float = 0.02
     """Rate of the speed scaling below which a plan counts as held, 0 … 1.
 
@@ -199,8 +195,7 @@ class GovernorSettings(Record):
     one usual error from which the plan is slowed.
 
     30 % smaller and larger, N = 5: RMS error −3.0 and +0.1 % (mhsb_arm3), +1.5 and +3.5 %
-    (excavator; overshoot +0.53 and −0.70 MPa).
-    """
+    (excavator; overshoot +0.53 and −0.70 MPa)."""
     lifting_pressure: float = 1e5
     """Pressure beyond the holding pressure that counts as needed for lifting [Pa], 0 … 1e7.
 

@@ -31,8 +31,7 @@ VISCOSITY_SLOPE = 0.036
 """Exponential decrease k_µ of the oil's viscosity with temperature [1/K].
 
 The value fits mineral oil ISO VG 46, whose viscosity falls from 110 mm²/s at 20 °C to 26 mm²/s at
-60 °C.
-"""
+60 °C."""
 
 BULK_MODULUS_SLOPE = 0.005
 """Exponential decrease k_β of a mineral oil's bulk modulus with temperature [1/K]."""

@@ -35,15 +35,13 @@ POSITION_TOLERANCE = 1e-5
 """Excess over a joint limit that is tolerated [rad, m].
 
 A braking command samples its plan again every 20 ms. At a jump of the jerk by 1000 rad/s³, it
-deviates from the plan's curve by this value.
-"""
+deviates from the plan's curve by this value."""
 
 POSITION_ROUNDING = 8.0 * 2.0**-52
 """Relative error of a position in a message, from rounding and a few operations before it.
 
 In a piece of duration h, a position error changes velocity, acceleration and jerk by 5/h, 20/h² and
-120/h³ times this error.
-"""
+120/h³ times this error."""
 
 ROOT_STEPS = 60
 """Largest number of iterations of the root finder."""
@@ -51,8 +49,7 @@ ROOT_STEPS = 60
 ROOT_RESIDUE = 1e-10
 """Largest residual of a root, relative to the largest control value of the polynomial.
 
-The error of the extremum is then about the square of this residual.
-"""
+The error of the extremum is then about the square of this residual."""
 
 
 class Quantity(IntEnum):

@@ -26,8 +26,7 @@ LONGEST_NUMBER = 64
 """Largest number of characters of a number.
 
 A float in full precision has 24 characters. Whole numbers of 64 characters are below 1e77 in any
-base that YAML knows, so they are compared and printed without delay.
-"""
+base that YAML knows, so they are compared and printed without delay."""
 
 VALUE_ERRORS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
 """Errors that PyYAML raises for values that do not fit their tag, such as a date with month 13."""

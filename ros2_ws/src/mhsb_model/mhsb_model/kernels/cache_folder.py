@@ -51,8 +51,7 @@ FOLDER_CAPACITY = 3
 IN_USE = 86400.0
 """Time since its last use after which a cache folder may be deleted [s].
 
-A process may still be compiling into a folder that was used more recently.
-"""
+A process may still be compiling into a folder that was used more recently."""
 
 MIN_FREE_SPACE = 64 * 2**20
 """Free disk space required for the cache [B]; all kernels of one checkout take 32 MiB."""

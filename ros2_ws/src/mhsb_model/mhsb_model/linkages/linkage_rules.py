@@ -17,8 +17,7 @@ SMALLEST_ARM_RATIO = 0.25
 """Least ratio of the smallest to the largest moment arm within a joint's limits.
 
 As the moment arm vanishes, the velocity polytope grows without bound. Planners would then prefer
-such postures.
-"""
+such postures."""
 
 SMALLEST_TRANSMISSION_ANGLE = math.radians(20.0)
 """Least angle between the lines of rocker and coupler [rad].

@@ -49,8 +49,7 @@ from mhsb_model.types import FloatArray, IntArray
 MIN_PART_TRAVEL = 1e-3
 """Travel below which a part of a move is not divided further [m].
 
-In such a part the clearance is at most half of this value lower than at the ends of the part.
-"""
+In such a part the clearance is at most half of this value lower than at the ends of the part."""
 
 MAX_HALVINGS = 32
 """Largest number of times that a part of a move is halved."""

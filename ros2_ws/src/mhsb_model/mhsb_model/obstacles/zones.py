@@ -43,8 +43,7 @@ SHAPE_COLUMN is the first of up to six columns that give the shape [m]:
 - LINK_KIND: index of an earlier link
 - SPACE_BOX_KIND: x_min, y_min, z_min, x_max, y_max, z_max
 - CYLINDER_KIND: x, y, z_min, z_max, radius
-- SPHERE_KIND: x, y, z, radius
-"""
+- SPHERE_KIND: x, y, z, radius"""
 
 ROW_WIDTH = 10
 """Number of columns of an obstacle row."""

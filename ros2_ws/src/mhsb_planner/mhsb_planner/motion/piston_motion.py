@@ -13,8 +13,7 @@ MAX_TAYLOR_STEP = 1e-5
 """Largest second correction of a joint position that `convert_to_joints` accepts [rad or m].
 
 After a smaller correction, the remaining error is below rounding. After a larger one,
-`find_joint_angle` solves for the position.
-"""
+`find_joint_angle` solves for the position."""
 
 
 @kernel

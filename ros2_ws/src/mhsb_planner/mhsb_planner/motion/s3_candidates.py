@@ -124,8 +124,7 @@ TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
 FOLLOWED_SPEED_EXCESS = 1.001 * USAGE_RESERVE - 1.0
 """Largest speed excess |v|/V_max − 1 of a piston on a path that is followed with ramps [-].
 
-The ramps keep V_max by construction. The excess only allows for USAGE_RESERVE and rounding.
-"""
+The ramps keep V_max by construction. The excess only allows for USAGE_RESERVE and rounding."""
 
 
 class FitMethod(StrEnum):

@@ -28,8 +28,7 @@ LIMIT_SHARES = (0.5, 0.75, 1.0)
 """Shares of the allowed acceleration and jerk that are tried one after the other [-].
 
 No share is below `s3_ramps.RAMP_LIMIT_SHARE`. More shares would allow slightly softer braking, but
-take more time.
-"""
+take more time."""
 
 MAX_SLOWING_ROUNDS = 6
 """Number of times that a ramp is made slower before the trial is given up."""

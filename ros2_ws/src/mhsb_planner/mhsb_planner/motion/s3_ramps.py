@@ -20,15 +20,13 @@ RAMP_LIMIT_SHARE = 0.5
 """Share of the allowed acceleration and jerk that one ramp takes [-].
 
 The rest is left for a second ramp at the same time, which is needed if the arm is already changing
-its speed at the start.
-"""
+its speed at the start."""
 
 RAMP_TIME_STEP = 1e-3
 """Time step of ramps [s].
 
 Times of ramps are multiples of this step, so that the points of a motion are at least one step
-apart.
-"""
+apart."""
 
 
 class Ramp(NamedTuple):

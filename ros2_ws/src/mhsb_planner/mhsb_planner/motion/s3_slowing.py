@@ -23,14 +23,12 @@ MIN_PIECE_FACTOR = 1.02
 """Least factor by which a piece is slowed alone [-].
 
 A piece that is slowed alone adds changes of speed to the motion, and the times between changes of
-speed are rounded up. Below this factor, slowing the whole motion costs less time.
-"""
+speed are rounded up. Below this factor, slowing the whole motion costs less time."""
 
 USAGE_RESERVE = 1.003
 """Reserve factor on durations that are chosen by the limits at the trajectory's points [-].
 
-It covers higher values between the points.
-"""
+It covers higher values between the points."""
 
 
 def compute_needed_factors(

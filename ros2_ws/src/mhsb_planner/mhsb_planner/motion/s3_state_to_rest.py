@@ -36,8 +36,7 @@ from mhsb_planner.search.discrete_path import DiscretePath
 JERK_SHARE = 0.8
 """Share of the allowed jerk that steered motions take [-].
 
-Between the points of a trajectory, the jerk is up to 25 % higher.
-"""
+Between the points of a trajectory, the jerk is up to 25 % higher."""
 
 BISECTION_STEPS = 48
 """Number of bisections by which a piston's speed is found."""

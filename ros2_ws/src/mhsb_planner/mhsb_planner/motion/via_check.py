@@ -13,8 +13,7 @@ TOLERANCE_FACTOR = 1.02
 ViaPoint = tuple[float, ...]
 """Via point (x, z) [m], or (x, y, z) if joint 1 slews, followed by its tolerance [m].
 
-The tip must pass the point at a distance of at most the tolerance.
-"""
+The tip must pass the point at a distance of at most the tolerance."""
 
 
 def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str:

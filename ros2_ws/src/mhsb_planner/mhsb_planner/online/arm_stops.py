@@ -15,8 +15,7 @@ OLD_STOP = 1.0
 """Time after a stop within which goals are void if they were sent before the report of the stop
 [s].
 
-It covers the delay with which the arm's clock is known from its messages.
-"""
+It covers the delay with which the arm's clock is known from its messages."""
 
 LATE_REPORT = 0.1
 """Delay of a stop's report above which this process must have been suspended [s].

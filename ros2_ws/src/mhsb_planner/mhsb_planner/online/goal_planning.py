@@ -39,8 +39,7 @@ from mhsb_planner.online.start_state import (
 FIRST_REPORT = 1.2
 """Time after the arm's first state for which goals wait until the arm reports its machine [s].
 
-The arm reports its machine every second.
-"""
+The arm reports its machine every second."""
 
 START_UP = 6.0
 """Time after the planner's start during which goals wait for the arm's first state [s].

@@ -49,8 +49,7 @@ DAMAGED_FILE_ERRORS = (
 )
 """Exceptions that are raised if a file is damaged or not an npz file.
 
-OSError is not included, since it means that the file cannot be read.
-"""
+OSError is not included, since it means that the file cannot be read."""
 
 
 class ArchiveTooLargeError(Exception):

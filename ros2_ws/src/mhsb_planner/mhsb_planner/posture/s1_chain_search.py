@@ -53,8 +53,7 @@ FIRST_PATTERN_STARTS, OTHER_PATTERN_STARTS = 3, 2
 """Number of samples at which an ascent begins, for the first mode combination and for each other
 one.
 
-For the other combinations, an ascent also begins at the best posture already found.
-"""
+For the other combinations, an ascent also begins at the best posture already found."""
 
 MIN_START_DISTANCE = 0.35
 """Largest joint difference of two samples that count as one starting point [rad]."""
@@ -63,8 +62,7 @@ ROUGH_STRIDES, NEAR_STRIDES, FINE_STRIDES = (0.1, 2e-3), (0.025, 2e-3), (2e-3, 1
 """First and last stride of an ascent [rad], for three kinds of starting points.
 
 The kinds are a sample, the posture of another mode combination, and the best posture found from
-these two.
-"""
+these two."""
 
 SAME_AREA = 1e-9
 """Largest relative difference of two areas that count as equal [-]."""

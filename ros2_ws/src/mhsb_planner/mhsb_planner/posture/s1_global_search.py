@@ -62,8 +62,7 @@ SAME_AREA = 1e-9
 """Largest relative gain in area at which two areas count as equal, so that the earlier posture is
 kept [-].
 
-The order is: interval ends before inner samples, elbow −1 before +1, smaller ψ before larger.
-"""
+The order is: interval ends before inner samples, elbow −1 before +1, smaller ψ before larger."""
 
 RISE_BETWEEN = 2.0
 """Largest rise of the area between samples, as a factor on the drop to the lower neighbour [-].

@@ -26,8 +26,7 @@ SLSQP_STARTS = 30
 MAX_AREA_SHORTFALL = 1e-3
 """Largest relative difference by which an entry's area may be smaller than SLSQP's [-].
 
-An entry with a larger difference counts as short.
-"""
+An entry with a larger difference counts as short."""
 
 CONFIDENCE_LEVEL = 0.95
 """Confidence of the upper bound on the share of short entries."""

@@ -39,8 +39,7 @@ from mhsb_model.types import FloatArray, ModeArray, frozen
 COLUMN_PERTURBATION = 1e-12
 """Size of the numbers that are added to the tip velocities per piston speed [-].
 
-They ensure that no two joints have exactly parallel tip velocities.
-"""
+They ensure that no two joints have exactly parallel tip velocities."""
 
 
 @kernel

@@ -43,8 +43,7 @@ LARGEST_TABLE = 2**30
 LONGEST_SHOWN = 80
 """Largest number of characters of a header value that are kept and shown in messages.
 
-A hash has 64.
-"""
+A hash has 64."""
 
 SMALLEST_SPACING = 1e-4
 """Smallest accepted grid spacing of a file [m]; machine files have at least 5 mm."""

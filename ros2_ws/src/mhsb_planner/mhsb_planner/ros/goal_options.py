@@ -25,8 +25,7 @@ MOST_OPTIONS = 100
 LONGEST_OPTION = 4096
 """Largest length of an option in characters.
 
-An option `goal_via` with a hundred points in full precision is shorter.
-"""
+An option `goal_via` with a hundred points in full precision is shorter."""
 
 LONGEST_SHOWN = 80
 """Largest number of characters of an option that are shown in the sentence of a refusal."""

@@ -62,8 +62,7 @@ RESULT_KEPT = 60
 MOST_GOALS = 1000
 """Largest number of goals without a result; further goals are refused.
 
-The queues of the middleware have more room.
-"""
+The queues of the middleware have more room."""
 
 MOST_STRETCHED = 20.0
 """Largest factor on the commit horizon for plans that will not be executed [-]."""

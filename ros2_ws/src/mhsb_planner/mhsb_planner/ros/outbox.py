@@ -26,8 +26,7 @@ from mhsb_planner.ros import views
 Answer = tuple[PlanRequest, Replan | Exception | None]
 """A request and its answer.
 
-The answer is a plan, the error that planning raised, or None if the arm is already at the goal.
-"""
+The answer is a plan, the error that planning raised, or None if the arm is already at the goal."""
 
 PUBLISHED_TOPICS = (
     topics.PLAN_STATUS,

@@ -44,8 +44,7 @@ NODES_AT_ONCE = 50
 ELBOW_UP, ELBOW_DOWN = -1, 1
 """Side of the elbow: -1 up, +1 down.
 
-The side is the sign of the angle from the link before the elbow to the line from elbow to tip.
-"""
+The side is the sign of the angle from the link before the elbow to the line from elbow to tip."""
 
 
 @kernel

@@ -116,8 +116,7 @@ SEARCH_PAUSED, GOAL_FOUND, SEARCH_EXHAUSTED, ARRAYS_FULL = 0, 1, 2, 3
 
 SEARCH_PAUSED: the limit of expansions is reached. GOAL_FOUND: the goal is the next state to expand.
 SEARCH_EXHAUSTED: no state is left to expand. ARRAYS_FULL: the arrays have no room for the steps
-that start in the next state.
-"""
+that start in the next state."""
 
 NO_STATE = -1
 """Number that stands for no state or no posture."""

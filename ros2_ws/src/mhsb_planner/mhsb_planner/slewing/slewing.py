@@ -149,8 +149,7 @@ MAX_CARRYING_POSTURES = 4
 FREE_COST_FACTOR = 1.005
 """Limit for the ratio of the direct path's cost with zones to its cost without zones [-].
 
-Up to this limit, the methods "past shadows" and "carried" end early.
-"""
+Up to this limit, the methods "past shadows" and "carried" end early."""
 
 MAX_CARRYING_PSI_DEVIATION = 0.15
 """Largest difference of end-link angles between the via point and its carrying posture [rad]."""

@@ -34,8 +34,7 @@ class SlewMotion:
     step: IntArray
     """Index of the path step in each step of the whole arm, int64[p], ascending.
 
-    REST_STEP marks a step in which the slew turns alone.
-    """
+    REST_STEP marks a step in which the slew turns alone."""
 
     angle: FloatArray
     """Slew angle at the start and after each step of the whole arm, float64[p + 1], [rad]."""

@@ -33,8 +33,7 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 CLEAR_PRESSURE = 0.999
 """Share of the available pressure up to which an interval is not checked at close instants [-].
 
-The remaining pressure is enough for the valve at the lowest speeds.
-"""
+The remaining pressure is enough for the valve at the lowest speeds."""
 
 
 @kernel(borrows=True, forceinline=True)

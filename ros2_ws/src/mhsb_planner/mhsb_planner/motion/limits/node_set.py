@@ -16,8 +16,7 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 TIP_TOLERANCE = 1e-4
 """Distance of the tip outside the workspace that is accepted [m].
 
-The search checks a step only at some instants. Between these, the tip may be this far outside.
-"""
+The search checks a step only at some instants. Between these, the tip may be this far outside."""
 
 CLEAR_DISTANCE = 2e-3
 """Distance from the workspace's edge below which an interval is checked at close instants [m]."""

@@ -17,8 +17,7 @@ OBSTACLE_LIMIT = Limit(
 )
 """Limit of the clearance. The amount of a violation is the depth in the obstacle [m].
 
-The amount is negative if the arm is outside, but too close to exclude a contact.
-"""
+The amount is negative if the arm is outside, but too close to exclude a contact."""
 
 
 def find_obstacle_violation(machine: Machine, trajectory: Trajectory) -> Violation | None:
