@@ -10,15 +10,16 @@ import numpy as np
 
 from mhsb_tools.study.draws import DrawRecord, group_by_controller
 
-MEDIAN, HIGH, WORST, COUNT, SHARE = ", median", ", p95", ", worst", " [draws]", " [% of draws]"
+MEDIAN_NAME, P95_NAME, WORST_NAME = ", median", ", p95", ", worst"
+COUNT_NAME, SHARE_NAME = " [draws]", " [% of draws]"
 """Endings of the names of figures, which name the statistic."""
 
 STATISTICS: Mapping[str, Callable[[Sequence[float]], Any]] = {
-    MEDIAN: np.median,
-    HIGH: lambda values: np.quantile(values, 0.95),
-    WORST: np.max,
-    COUNT: np.sum,
-    SHARE: lambda values: 100.0 * np.mean(values),
+    MEDIAN_NAME: np.median,
+    P95_NAME: lambda values: np.quantile(values, 0.95),
+    WORST_NAME: np.max,
+    COUNT_NAME: np.sum,
+    SHARE_NAME: lambda values: 100.0 * np.mean(values),
 }
 """Function that computes each statistic from the values of all draws."""
 
@@ -89,48 +90,50 @@ class LimitedQuantity:
 
 
 DRAW_LIMITS = (
-    LimitedQuantity("failed", lambda r: bool(r.failure), {COUNT: 0}),
-    LimitedQuantity("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST: 20.0}),
+    LimitedQuantity("failed", lambda r: bool(r.failure), {COUNT_NAME: 0}),
+    LimitedQuantity("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST_NAME: 20.0}),
     LimitedQuantity(
         "tip error, RMS [mm]",
         lambda r: r.tip_error_rms_mm,
-        {MEDIAN: np.inf, HIGH: 2, WORST: 5},
+        {MEDIAN_NAME: np.inf, P95_NAME: 2, WORST_NAME: 5},
     ),
     LimitedQuantity(
         "largest error over largest speed [s]",
         lambda r: r.rho_s,
-        {MEDIAN: 0.01, HIGH: 0.03},
+        {MEDIAN_NAME: 0.01, P95_NAME: 0.03},
     ),
     LimitedQuantity(
         "supply overshoot [MPa]",
         lambda r: r.supply_overshoot_mpa,
-        {HIGH: 0.3, WORST: 1.0},
+        {P95_NAME: 0.3, WORST_NAME: 1.0},
     ),
-    LimitedQuantity("relief valve opened", lambda r: bool(r.relief_opened), {COUNT: 0}),
+    LimitedQuantity("relief valve opened", lambda r: bool(r.relief_opened), {COUNT_NAME: 0}),
     LimitedQuantity(
         "arrival later, where flow suffices [%]",
         lambda r: r.later_percent if r.flow_suffices else None,
-        {MEDIAN: 2.0, HIGH: 15.0},
+        {MEDIAN_NAME: 2.0, P95_NAME: 15.0},
     ),
     LimitedQuantity(
         "arrival later, all [%]",
         lambda r: r.later_percent,
-        {HIGH: np.inf, WORST: np.inf},
+        {P95_NAME: np.inf, WORST_NAME: np.inf},
     ),
     LimitedQuantity(
         "spool at rest [% of stroke]",
         lambda r: r.spool_deviation_percent,
-        {HIGH: 1, WORST: 1},
+        {P95_NAME: 1, WORST_NAME: 1},
     ),
-    LimitedQuantity("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {HIGH: 1.0}),
+    LimitedQuantity("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {P95_NAME: 1.0}),
     LimitedQuantity(
         "payload after 5 s both ways [% off]",
         lambda r: r.payload_error_percent,
-        {MEDIAN: 5.0, HIGH: 10.0},
+        {MEDIAN_NAME: 5.0, P95_NAME: 10.0},
     ),
-    LimitedQuantity("95 % interval holds it", lambda r: r.payload_holds, {SHARE: 98.0}, least=92.0),
-    LimitedQuantity("plan held until stopped", lambda r: bool(r.held), {COUNT: np.inf}),
-    LimitedQuantity("guard acted", lambda r: bool(r.interventions), {COUNT: np.inf}),
+    LimitedQuantity(
+        "95 % interval holds it", lambda r: r.payload_holds, {SHARE_NAME: 98.0}, least=92.0
+    ),
+    LimitedQuantity("plan held until stopped", lambda r: bool(r.held), {COUNT_NAME: np.inf}),
+    LimitedQuantity("guard acted", lambda r: bool(r.interventions), {COUNT_NAME: np.inf}),
 )
 """The limits that the suite sets itself, in the order in which they are printed."""
 
