@@ -14,7 +14,7 @@ MEDIAN_NAME, P95_NAME, WORST_NAME = ", median", ", p95", ", worst"
 COUNT_NAME, SHARE_NAME = " [draws]", " [% of draws]"
 """Endings of the names of figures, which name the statistic."""
 
-STATISTICS: Mapping[str, Callable[[Sequence[float]], Any]] = {
+STATISTIC_FUNCTIONS: Mapping[str, Callable[[Sequence[float]], Any]] = {
     MEDIAN_NAME: np.median,
     P95_NAME: lambda values: np.quantile(values, 0.95),
     WORST_NAME: np.max,
@@ -56,7 +56,7 @@ class LimitedQuantity:
         name: Name of the quantity; with its unit if it is no yes or no.
         of: Function from a record to the value, None if the record has none. A yes or no counts as
             1 or 0.
-        limits: Upper limit of each statistic, by a key of `STATISTICS`; infinity if there is none.
+        limits: Upper limit of each statistic, by a key of `STATISTIC_FUNCTIONS`; infinity if there is none.
         least: Lower limit of each statistic.
     """
 
@@ -79,7 +79,7 @@ class LimitedQuantity:
         return [
             LimitedFigure(
                 f"{self.name}{statistic}",
-                float(STATISTICS[statistic](values)),
+                float(STATISTIC_FUNCTIONS[statistic](values)),
                 most,
                 self.least,
                 len(values),
