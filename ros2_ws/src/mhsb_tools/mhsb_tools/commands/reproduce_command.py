@@ -18,7 +18,6 @@ from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.errors import RequestError
 from mhsb_planner.result_files import write_json, write_rows
 from mhsb_tools.reproduction import operating_points
-from mhsb_tools.reproduction.area_figure import draw_area_tradeoff
 from mhsb_tools.reproduction.expectations import (
     ExpectationResult,
     collect_path_values,
@@ -44,7 +43,7 @@ from mhsb_tools.reproduction.runs import (
     published_settings,
     settings,
 )
-from mhsb_tools.reproduction.weight_figure import draw_weights
+from mhsb_tools.reproduction.weight_figures import draw_area_tradeoff, draw_weights
 
 FITTED_RUNS = (
     *("1-1", "1-2", "2-1", "2-2", "3-1", "3-2", "4-1", "4-2", "4-3"),

@@ -33,7 +33,7 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.motion.motion_profile import compute_motion_profile
-from mhsb_tools.moves.piston_forces import compute_moving_forces
+from mhsb_tools.moves.needed_pressure import compute_moving_forces
 
 LOAD_SENSING_MARGINS = (1e6, 2e6)
 """Pressure margins Δp of load sensing [Pa], the low and the high end of what is usual."""

@@ -8,11 +8,16 @@ from tqdm import tqdm
 
 from mhsb_tools.moves.move_page import draw_move_page
 from mhsb_tools.moves.operating_regions import OperatingRegions
-from mhsb_tools.report.estimate_figure import draw_estimates
-from mhsb_tools.report.hydraulic_figures import draw_energy, draw_modes, draw_pressures
-from mhsb_tools.report.motion_figures import draw_joints, draw_tip_error
 from mhsb_tools.report.recorded_moves import cut_into_moves
 from mhsb_tools.report.recorded_run import EvaluatedRecording
+from mhsb_tools.report.time_figures import (
+    draw_energy,
+    draw_estimates,
+    draw_joints,
+    draw_modes,
+    draw_pressures,
+    draw_tip_error,
+)
 from mhsb_tools.report.workspace_figure import draw_workspace
 
 FIGURE_FILES = {

@@ -10,16 +10,16 @@ import numpy as np
 
 from mhsb_tools.study.draws import DrawRecord, group_by_controller
 
-MEDIAN_NAME, P95_NAME, WORST_NAME = ", median", ", p95", ", worst"
-COUNT_NAME, SHARE_NAME = " [draws]", " [% of draws]"
+MEDIAN_SUFFIX, HIGH_SUFFIX, WORST_SUFFIX = ", median", ", p95", ", worst"
+COUNT_SUFFIX, SHARE_SUFFIX = " [draws]", " [% of draws]"
 """Endings of the names of figures, which name the statistic."""
 
 STATISTIC_FUNCTIONS: Mapping[str, Callable[[Sequence[float]], Any]] = {
-    MEDIAN_NAME: np.median,
-    P95_NAME: lambda values: np.quantile(values, 0.95),
-    WORST_NAME: np.max,
-    COUNT_NAME: np.sum,
-    SHARE_NAME: lambda values: 100.0 * np.mean(values),
+    MEDIAN_SUFFIX: np.median,
+    HIGH_SUFFIX: lambda values: np.quantile(values, 0.95),
+    WORST_SUFFIX: np.max,
+    COUNT_SUFFIX: np.sum,
+    SHARE_SUFFIX: lambda values: 100.0 * np.mean(values),
 }
 """Function that computes each statistic from the values of all draws."""
 
@@ -56,7 +56,8 @@ class LimitedQuantity:
         name: Name of the quantity; with its unit if it is no yes or no.
         of: Function from a record to the value, None if the record has none. A yes or no counts as
             1 or 0.
-        limits: Upper limit of each statistic, by a key of `STATISTIC_FUNCTIONS`; infinity if there is none.
+        limits: Upper limit of each statistic, by a key of `STATISTIC_FUNCTIONS`; infinity if
+            there is none.
         least: Lower limit of each statistic.
     """
 
@@ -90,50 +91,52 @@ class LimitedQuantity:
 
 
 DRAW_LIMITS = (
-    LimitedQuantity("failed", lambda r: bool(r.failure), {COUNT_NAME: 0}),
-    LimitedQuantity("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST_NAME: 20.0}),
+    LimitedQuantity("failed", lambda r: bool(r.failure), {COUNT_SUFFIX: 0}),
+    LimitedQuantity("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST_SUFFIX: 20.0}),
     LimitedQuantity(
         "tip error, RMS [mm]",
         lambda r: r.tip_error_rms_mm,
-        {MEDIAN_NAME: np.inf, P95_NAME: 2, WORST_NAME: 5},
+        {MEDIAN_SUFFIX: np.inf, HIGH_SUFFIX: 2, WORST_SUFFIX: 5},
     ),
     LimitedQuantity(
         "largest error over largest speed [s]",
         lambda r: r.rho_s,
-        {MEDIAN_NAME: 0.01, P95_NAME: 0.03},
+        {MEDIAN_SUFFIX: 0.01, HIGH_SUFFIX: 0.03},
     ),
     LimitedQuantity(
         "supply overshoot [MPa]",
         lambda r: r.supply_overshoot_mpa,
-        {P95_NAME: 0.3, WORST_NAME: 1.0},
+        {HIGH_SUFFIX: 0.3, WORST_SUFFIX: 1.0},
     ),
-    LimitedQuantity("relief valve opened", lambda r: bool(r.relief_opened), {COUNT_NAME: 0}),
+    LimitedQuantity("relief valve opened", lambda r: bool(r.relief_opened), {COUNT_SUFFIX: 0}),
     LimitedQuantity(
         "arrival later, where flow suffices [%]",
         lambda r: r.later_percent if r.flow_suffices else None,
-        {MEDIAN_NAME: 2.0, P95_NAME: 15.0},
+        {MEDIAN_SUFFIX: 2.0, HIGH_SUFFIX: 15.0},
     ),
     LimitedQuantity(
         "arrival later, all [%]",
         lambda r: r.later_percent,
-        {P95_NAME: np.inf, WORST_NAME: np.inf},
+        {HIGH_SUFFIX: np.inf, WORST_SUFFIX: np.inf},
     ),
     LimitedQuantity(
         "spool at rest [% of stroke]",
         lambda r: r.spool_deviation_percent,
-        {P95_NAME: 1, WORST_NAME: 1},
+        {HIGH_SUFFIX: 1, WORST_SUFFIX: 1},
     ),
-    LimitedQuantity("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {P95_NAME: 1.0}),
+    LimitedQuantity(
+        "tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {HIGH_SUFFIX: 1.0}
+    ),
     LimitedQuantity(
         "payload after 5 s both ways [% off]",
         lambda r: r.payload_error_percent,
-        {MEDIAN_NAME: 5.0, P95_NAME: 10.0},
+        {MEDIAN_SUFFIX: 5.0, HIGH_SUFFIX: 10.0},
     ),
     LimitedQuantity(
-        "95 % interval holds it", lambda r: r.payload_holds, {SHARE_NAME: 98.0}, least=92.0
+        "95 % interval holds it", lambda r: r.payload_holds, {SHARE_SUFFIX: 98.0}, least=92.0
     ),
-    LimitedQuantity("plan held until stopped", lambda r: bool(r.held), {COUNT_NAME: np.inf}),
-    LimitedQuantity("guard acted", lambda r: bool(r.interventions), {COUNT_NAME: np.inf}),
+    LimitedQuantity("plan held until stopped", lambda r: bool(r.held), {COUNT_SUFFIX: np.inf}),
+    LimitedQuantity("guard acted", lambda r: bool(r.interventions), {COUNT_SUFFIX: np.inf}),
 )
 """The limits that the suite sets itself, in the order in which they are printed."""
 

@@ -13,7 +13,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.study.needed_pressure import compute_needed_pressure
+from mhsb_tools.moves.needed_pressure import compute_needed_pressure
 from mhsb_tools.study.replay import Replay
 
 LIFTING_JOINT_COUNT = 2

@@ -31,7 +31,6 @@ from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
-from mhsb_tools.study.controller_comparison import COMPARED_CONTROLLERS, as_text, compare
 from mhsb_tools.study.draw_limits import as_text as draws_as_text
 from mhsb_tools.study.draws import GOAL_COUNT, DrawRecord, DrawStudy, run_draws
 from mhsb_tools.study.draws import as_dicts as draws_as_dicts
@@ -46,7 +45,7 @@ from mhsb_tools.study.mismatch_benchmark import (
 )
 from mhsb_tools.study.mismatch_benchmark import as_markdown as benchmark_as_markdown
 from mhsb_tools.study.scenarios import Scenario, load_scenarios
-from mhsb_tools.study.servo_study import as_dicts, run_study
+from mhsb_tools.study.servo_study import COMPARED_CONTROLLERS, as_dicts, as_text, compare, run_study
 from mhsb_tools.study.study_figures import draw_faults, draw_study
 from mhsb_tools.study.variations import load_variations
 

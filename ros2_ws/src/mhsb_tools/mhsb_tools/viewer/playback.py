@@ -20,9 +20,8 @@ from mhsb_tools.viewer.ability_scene import PolytopeScene
 from mhsb_tools.viewer.arm_scene import ArmScene
 from mhsb_tools.viewer.energy_flow import compute_powers, integrate_power
 from mhsb_tools.viewer.marker_scene import MarkerScene
-from mhsb_tools.viewer.moment import NO_NUMBERS, SnapshotColumns
 from mhsb_tools.viewer.panel import SentenceList, describe_report
-from mhsb_tools.viewer.plots import Plots
+from mhsb_tools.viewer.plots import NO_NUMBERS, Plots, SnapshotColumns
 
 FRAME_PERIOD = 0.05  # s
 PLOT_PERIOD = 0.25  # s

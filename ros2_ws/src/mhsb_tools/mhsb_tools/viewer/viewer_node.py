@@ -43,9 +43,8 @@ from mhsb_tools.viewer.arm_scene import ArmScene
 from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION, compute_boost_regions
 from mhsb_tools.viewer.energy_flow import EnergyCounter
 from mhsb_tools.viewer.marker_scene import MarkerScene
-from mhsb_tools.viewer.moment import ArmSnapshot, SnapshotHistory
 from mhsb_tools.viewer.panel import Panel, describe_report, make_initial_goal
-from mhsb_tools.viewer.plots import Plots
+from mhsb_tools.viewer.plots import ArmSnapshot, Plots, SnapshotHistory
 
 FRAME_PERIOD = 0.05  # s
 FRAMES_PER_PLOT = 5

@@ -19,10 +19,13 @@ from mhsb_tools.moves.operating_regions import determine_operating_regions
 from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.recording import TimedValue
 from mhsb_tools.report import figures
-from mhsb_tools.report.estimate_figure import draw_estimate_panels, group_estimates
-from mhsb_tools.report.hydraulic_figures import draw_pressure_limits
 from mhsb_tools.report.recorded_run import evaluate_recording
-from mhsb_tools.report.run_axes import get_mode_rows
+from mhsb_tools.report.time_figures import (
+    draw_estimate_panels,
+    draw_pressure_limits,
+    get_mode_rows,
+    group_estimates,
+)
 from mhsb_tools.report.workspace_figure import _draw_goals
 
 NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.png", "workspace.png"]

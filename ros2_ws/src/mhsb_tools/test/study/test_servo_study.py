@@ -11,7 +11,6 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.study.controller_comparison import as_text, compare
 from mhsb_tools.study.energy_comparison import EnergyPart
 from mhsb_tools.study.replay import Replay, replay
 from mhsb_tools.study.scenarios import Scenario
@@ -21,6 +20,8 @@ from mhsb_tools.study.servo_study import (
     ScenarioResult,
     StudyRecord,
     as_dicts,
+    as_text,
+    compare,
     compute_supply_overshoot,
     evaluate_run,
     plan_scenario,

@@ -1,6 +1,6 @@
 import numpy as np
 
-from mhsb_tools.viewer.moment import ArmSnapshot, SnapshotHistory
+from mhsb_tools.viewer.plots import ArmSnapshot, SnapshotHistory
 
 
 def moment(time: float) -> ArmSnapshot:

@@ -3,7 +3,7 @@ import pytest
 
 from mhsb_model.hydraulics import compute_required_pressure
 from mhsb_model.machine import Machine
-from mhsb_tools.study.needed_pressure import compute_needed_pressure
+from mhsb_tools.moves.needed_pressure import compute_needed_pressure
 
 STRETCHED = np.array([0.85, -0.9, -0.5])
 N, DB, SB = 0, 1, 2
