@@ -188,24 +188,15 @@ def _ratio_numbers(found: dict[str, FloatArray]) -> dict[str, Any]:
         A dictionary. `moves` is the count. Each key of `found` has a dictionary with
         `geometric_mean`, `least` and `largest`.
     """
-    spreads = {name: _spread(values) for name, values in found.items()}
-    return {"moves": len(found["energy"]), **spreads}
-
-
-def _spread(values: FloatArray) -> dict[str, float]:
-    """Return geometric mean, least and largest of positive values.
-
-    Args:
-        values: At least one value, all above 0.
-
-    Returns:
-        The three numbers by the keys `geometric_mean`, `least` and `largest`.
-    """
-    return {
-        "geometric_mean": float(np.exp(np.mean(np.log(values)))),
-        "least": float(values.min()),
-        "largest": float(values.max()),
+    spreads = {
+        name: {
+            "geometric_mean": float(np.exp(np.mean(np.log(values)))),
+            "least": float(values.min()),
+            "largest": float(values.max()),
+        }
+        for name, values in found.items()
     }
+    return {"moves": len(found["energy"]), **spreads}
 
 
 def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:

@@ -156,22 +156,21 @@ class PlannerComparer:
         failures: dict[str, str] = {}
         motions: dict[str, Supplied] = {}
         plans: dict[str, Callable[[Move, StartModes], Plan]] = {
-            kind: partial(self._plan_move, kind) for kind in PLANNER_KINDS
+            kind: partial(self._plan_move, self._planner, kind) for kind in PLANNER_KINDS
         }
         if request.with_truth:
             plans[GROUND_TRUTH] = self._plan_ground_truth
-        for kind, plan in plans.items():
+        for kind, make_plan in plans.items():
             try:
                 machine = self._planner.machine
                 modes = choose_holding_modes(machine, machine.piston_forces(request.move.start))
-                made = plan(request.move, StartModes.create_settled(modes))
+                made = make_plan(request.move, StartModes.create_settled(modes))
                 records[kind], motions[kind] = self._simulate_plan(request.move.start, made)
             except MhsbError as error:
                 failures[kind] = str(error)
         with suppress(MhsbError):  # then the planners' plans have failed as well
-            motions[UNBOOSTED_MOTION] = self._compute_supply_energies(
-                self._plan_unboosted_motion(request.move), None
-            )
+            plan = self._plan_move(self._direct, DEFAULT_PLANNER, request.move, None)
+            motions[UNBOOSTED_MOTION] = self._compute_supply_energies(plan.motion.trajectory, None)
         return Comparison(request.name, records, failures, motions)
 
     def _compute_supply_energies(
@@ -179,31 +178,14 @@ class PlannerComparer:
     ) -> Supplied:
         return compute_supply_energies(self._planner.machine, self._leakproof, trajectory, schedule)
 
-    def _plan_unboosted_motion(self, move: Move) -> Trajectory:
-        """Plan a move as if the main pump had the highest boost pressure.
-
-        No actuator then needs boost.
+    def _plan_move(self, planner: Planner, kind: str, move: Move, modes: StartModes | None) -> Plan:
+        """Plan a move from rest; the trajectory follows the planned path.
 
         Args:
+            planner: Planner of the machine, or of its copy that never needs boost.
+            kind: Method of planning, such as `table`.
             move: Start posture and goal.
-
-        Returns:
-            Trajectory that follows the path of the default planner.
-
-        Raises:
-            MhsbError: No plan was found.
-        """
-        options = PlanOptions(self._weights, planner=DEFAULT_PLANNER, trajectory="followed")
-        plan = self._direct.plan(move.goal, MotionState.at_rest(move.start), options=options)
-        return plan.motion.trajectory
-
-    def _plan_move(self, kind: str, move: Move, modes: StartModes) -> Plan:
-        """Plan a move from rest with one planner; the trajectory follows the planner's path.
-
-        Args:
-            kind: Name of the planner.
-            move: Start posture and goal.
-            modes: Modes in force at the start.
+            modes: Modes in force at the start; None for all in N.
 
         Returns:
             The plan.
@@ -213,7 +195,7 @@ class PlannerComparer:
         """
         start = MotionState.at_rest(move.start)
         options = PlanOptions(self._weights, planner=kind, trajectory="followed")
-        return self._planner.plan(move.goal, start, modes=modes, options=options)
+        return planner.plan(move.goal, start, modes=modes, options=options)
 
     def _plan_ground_truth(self, move: Move, modes: StartModes) -> Plan:
         """Search the ground truth's path and make a plan along it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json as json_format
 import time
 from dataclasses import dataclass
@@ -73,7 +74,8 @@ class Recorder(Node):
         wall = Clock(clock_type=ClockType.STEADY_TIME)  # independent of /clock
         self.create_timer(FLUSH_PERIOD, bag.flush, clock=wall)
         if duration is not None:
-            self.create_timer(duration, self._shut_down, clock=wall)
+            end = functools.partial(rclpy.try_shutdown, context=self.context)
+            self.create_timer(duration, end, clock=wall)
         self._print_line(f"recording into {bag.folder}")
 
     def _subscribe(self, topic: Topic) -> None:
@@ -105,13 +107,19 @@ class Recorder(Node):
             self._bag.write(name, data, received_ns, info["source_timestamp"])
 
         def matched(info: Any) -> None:
-            """Note that a publisher of the topic is connected.
+            """Note that a publisher of the topic is connected, and print "ready" when all are.
+
+            "All" are the publishers of READY_WHEN: one topic of the simulator, one of the planner.
+            The line is printed once, unless the recorder is silent.
 
             Args:
                 info: Status of the matched event of rclpy, with `current_count` publishers.
             """
             if info.current_count > 0:
-                self._note_connected(topic)
+                self._connected.add(topic.name)
+            if not self._ready and all(each.name in self._connected for each in READY_WHEN):
+                self._ready = True
+                self._print_line("ready: simulator and planner are heard")
 
         self.create_subscription(
             topic.message,
@@ -125,28 +133,10 @@ class Recorder(Node):
             ),
         )
 
-    def _note_connected(self, topic: Topic) -> None:
-        """Mark a topic as connected.
-
-        When all READY_WHEN topics (one of the simulator, one of the planner) are connected for the
-        first time, a line with "ready" is printed, unless the recorder is silent.
-
-        Args:
-            topic: Topic on which a publisher was matched.
-        """
-        self._connected.add(topic.name)
-        if not self._ready and all(each.name in self._connected for each in READY_WHEN):
-            self._ready = True
-            self._print_line("ready: simulator and planner are heard")
-
     def _print_line(self, words: str) -> None:
         """Print a line unless the recorder is silent."""
         if not self._silent:
             print(words, flush=True)
-
-    def _shut_down(self) -> None:
-        """Shut ROS down, which ends the node."""
-        rclpy.try_shutdown(context=self.context)
 
 
 @dataclass

@@ -56,8 +56,8 @@ class LimitedQuantity:
         name: Name of the quantity; with its unit if it is no yes or no.
         of: Function from a record to the value, None if the record has none. A yes or no counts as
             1 or 0.
-        limits: Upper limit of each statistic, by a key of `STATISTIC_FUNCTIONS`; infinity if
-            there is none.
+        limits: Upper limit of each statistic, by a key of `STATISTIC_FUNCTIONS`; infinity if there
+            is none.
         least: Lower limit of each statistic.
     """
 
