@@ -187,7 +187,7 @@ def test_other_ramps_that_are_refused_are_not_told_of_the_motion_that_is_taken(
     planner, monkeypatch
 ):
     def without_faster_ones(machine, path, start, modes, brake, rules, deadline):
-        if rules.ramp_factors[0] in motion_rules.FASTER_RAMP_FACTORS:
+        if rules.ramp_factor in motion_rules.FASTER_RAMP_FACTORS:
             raise FitError(("too fast",))
         return fit_trajectory(machine, path, start, modes, brake, rules, deadline)
 

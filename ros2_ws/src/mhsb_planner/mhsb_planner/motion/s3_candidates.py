@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
 from typing import Literal, Protocol
 
 import numpy as np
@@ -164,7 +163,8 @@ class FitRules:
         polynomial_only: True if no other curve is tried when the polynomial breaks a limit.
         stepped: True if the path may be followed step by step, with a rest at every node.
         switching: Rules for switching modes.
-        ramp_factors: Factors on the duration of the shortest ramps, in the order of trial [-].
+        ramp_factor: Factor on the duration of the shortest ramps that is tried first [-].
+        max_ramp_factor: Largest such factor [-]. Ramps become longer if the pressure is too low.
         last_ramp_factor: Further factor on the duration of the motion's last ramp [-].
         max_stretch: Largest factor on a curve's duration, as a multiple of the factor that is tried
             first [-].
@@ -179,7 +179,8 @@ class FitRules:
     polynomial_only: bool = False
     stepped: bool = True
     switching: SwitchingRules = DEFAULT_SWITCHING_RULES
-    ramp_factors: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
+    ramp_factor: float = 1.0
+    max_ramp_factor: float = 8.0
     last_ramp_factor: float = 1.0
     max_stretch: float = 3.0
     max_excess: float = 0.1
@@ -201,8 +202,9 @@ class CurveCandidate:
         path: Discrete path that the curve follows.
         method: Method that the fitted motion reports.
         name: Words that describe the curve in messages.
-        curve_at: Function that computes the curve from a factor on the duration of each step of the
-            path, shape (k,) [-].
+        curve_at: Function that computes the curve. Its arguments are a factor on the duration of
+            each step of the path, shape (k,) [-], and a factor on the duration of the ramps [-].
+            Curves without ramps ignore the second argument.
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
         stretch: Factor on the path's durations that is tried first [-].
@@ -215,14 +217,15 @@ class CurveCandidate:
             do.
         max_stretch: Largest factor on the duration, as a multiple of `stretch` [-]. None means
             `FitRules.max_stretch`.
-        only_after_thrust_lack: True if the curve is tried only after the previous curve was refused
-            because the pressure was too low.
+        ramp_factor: Factor on the duration of the ramps that is tried first [-].
+        max_ramp_factor: Largest factor on the duration of the ramps [-]. They become longer if the
+            pressure is too low.
     """
 
     path: DiscretePath
     method: FitMethod
     name: str
-    curve_at: Callable[[FloatArray], Curve]
+    curve_at: Callable[[FloatArray, float], Curve]
     start: MotionState
     lead_in: Trajectory | None = None
     stretch: float = 1.0
@@ -231,7 +234,8 @@ class CurveCandidate:
     stretchable: tuple[TimeScaling, ...] = (TimeScaling.SPEED, TimeScaling.INERTIA)
     slows_pieces: bool = False
     max_stretch: float | None = None
-    only_after_thrust_lack: bool = False
+    ramp_factor: float = 1.0
+    max_ramp_factor: float = 1.0
 
 
 def iterate_candidates(
@@ -279,7 +283,7 @@ def iterate_candidates(
             path,
             FitMethod.STEERED,
             "steered",
-            lambda scale: compute_steered_motion(machine, path, start, float(scale[0])),
+            lambda scale, _: compute_steered_motion(machine, path, start, float(scale[0])),
             start,
             coasts=True,
         )
@@ -289,26 +293,25 @@ def iterate_candidates(
         if rules.polynomial_only:
             return
     if coast is not None:
-        yield from _iterate_ramped(machine, path, start, None, coast, rules)
+        yield _create_ramped(machine, path, start, None, coast, rules)
     youngest = rules.switching.min_dwell - float(modes.age.min())
     lead_ins = [("", brake)]
     if youngest > 0.0:
         waited = (brake or standstill(start.position)).with_rest(round(youngest * SECOND_NS))
         lead_ins.append(("after a rest, ", waited))
     for words, lead_in in lead_ins:
-        yield from _iterate_ramped(machine, path, rest, lead_in, None, rules, words)
+        yield _create_ramped(machine, path, rest, lead_in, None, rules, words)
         boosts = _find_boost_steps(path)
         if len(boosts) > 0:
             rested, named = insert_rests(machine, path, boosts), f"{words}resting before boost, "
-            shortest = replace(rules, ramp_factors=rules.ramp_factors[:1])
-            yield from _iterate_ramped(machine, rested, rest, lead_in, None, shortest, named)
+            shortest = replace(rules, max_ramp_factor=rules.ramp_factor)
+            yield _create_ramped(machine, rested, rest, lead_in, None, shortest, named)
         if rules.stepped:
-            stepped = partial(compute_stepped_path, machine, path)
             yield CurveCandidate(
                 path,
                 FitMethod.STEPPED,
                 f"{words}stepped",
-                stepped,
+                lambda scale, _: compute_stepped_path(machine, path, scale),
                 rest,
                 lead_in,
                 slows_pieces=True,
@@ -328,7 +331,7 @@ def _find_boost_steps(path: DiscretePath) -> IntArray:
     return np.flatnonzero((boosted[1:] & ~boosted[:-1]).any(axis=1)) + 1
 
 
-def _iterate_ramped(
+def _create_ramped(
     machine: Machine,
     path: DiscretePath,
     start: MotionState,
@@ -336,47 +339,42 @@ def _iterate_ramped(
     coast: Coasting | None,
     rules: FitRules,
     words: str = "",
-) -> Iterator[CurveCandidate]:
-    """Yield curves along a discrete path with ever slower changes of speed (ramps).
+) -> CurveCandidate:
+    """Create a curve along a discrete path whose changes of speed are ramps, as a curve to try.
 
-    Each curve after the first is marked to be tried only if the pressure was too low for the
-    previous curve. All curves may be slowed if valves or pumps cannot follow. The last of the
-    curves that begin at rest may also be slowed if the pressure is too low.
+    Its ramps become longer if the pressure is too low, and its steps if valves or pumps cannot
+    follow. A curve that begins at rest and has the longest ramps may be slowed, too, if the
+    pressure is still too low.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
-        coast: Motion that brings a moving arm to rest. None if the curves begin at rest.
-        rules: Settings of the fit, with the factors `ramp_factors`.
-        words: Beginning of the curves' names in messages. It is ignored if `coast` is given.
+        coast: Motion that brings a moving arm to rest. None if the curve begins at rest.
+        rules: Settings of the fit, with the factors on the duration of the ramps.
+        words: Beginning of the curve's name in messages. It is ignored if `coast` is given.
 
-    Yields:
-        One curve for each factor of `ramp_factors`.
+    Returns:
+        Curve to try.
     """
     words = words if coast is None else "setting out at once, "
-    for slower in rules.ramp_factors:
-        last = coast is None and slower == rules.ramp_factors[-1]
-        yield CurveCandidate(
-            path,
-            FitMethod.RAMPED,
-            f"{words}with ramps {slower:g} times the shortest",
-            partial(
-                compute_followed_path,
-                machine,
-                path,
-                slower,
-                coast,
-                last_ramp_factor=rules.last_ramp_factor,
-            ),
-            start,
-            lead_in,
-            coasts=coast is not None,
-            only_after_thrust_lack=slower != rules.ramp_factors[0],
-            stretchable=(TimeScaling.SPEED, TimeScaling.INERTIA) if last else (TimeScaling.SPEED,),
-            slows_pieces=True,
-        )
+    speed, inertia = TimeScaling.SPEED, TimeScaling.INERTIA
+    return CurveCandidate(
+        path,
+        FitMethod.RAMPED,
+        f"{words}with ramps",
+        lambda scale, ramp_factor: compute_followed_path(
+            machine, path, ramp_factor, coast, scale, last_ramp_factor=rules.last_ramp_factor
+        ),
+        start,
+        lead_in,
+        coasts=coast is not None,
+        ramp_factor=rules.ramp_factor,
+        max_ramp_factor=rules.max_ramp_factor,
+        stretchable=(speed, inertia) if coast is None else (speed,),
+        slows_pieces=True,
+    )
 
 
 def _create_polynomial(
@@ -404,7 +402,7 @@ def _create_polynomial(
             path,
             FitMethod.POLYNOMIAL,
             "polynomial",
-            lambda scale: fit_polynomial(path, rest, 0.0, float(scale[0])),
+            lambda scale, _: fit_polynomial(path, rest, 0.0, float(scale[0])),
             rest,
             stretch=shortest,
         )
@@ -413,7 +411,7 @@ def _create_polynomial(
         path,
         FitMethod.POLYNOMIAL,
         "polynomial from the moving start",
-        lambda scale: fit_polynomial(path, start, delay, float(scale[0])),
+        lambda scale, _: fit_polynomial(path, start, delay, float(scale[0])),
         start,
         stretch=shortest,
         furthest_travel=compute_furthest_travel(start, np.vstack([brake.position, path.posture])),

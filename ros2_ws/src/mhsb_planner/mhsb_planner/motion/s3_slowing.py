@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_model.types import FloatArray
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.limits.limit import TimeScaling, Violation
-from mhsb_planner.motion.limits.thrust import THRUST_LIMIT
+from mhsb_planner.motion.limits.thrust import THRUST_LIMIT, find_inertia_excess
+from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.s3_limits import EndValues
 
 THRUST_STRETCH, PIECE_THRUST_STRETCH = 1.25, 1.5
@@ -29,6 +31,34 @@ USAGE_RESERVE = 1.003
 """Reserve factor on durations that are chosen by the limits at the trajectory's points [-].
 
 It covers higher values between the points."""
+
+RAMP_RESERVE = 1.02
+"""Reserve factor on the duration of ramps that is computed from the lack of pressure [-].
+
+During longer ramps the pistons move farther, so that their loads differ slightly."""
+
+
+def compute_ramp_growth(
+    machine: Machine, profile: MotionProfile, middles: MotionProfile, modes: ModeArray
+) -> float:
+    """Compute the factor by which ramps must become longer for the pressure to suffice.
+
+    A ramp is a change of piston speed. Inertia forces are inversely proportional to its duration.
+
+    Args:
+        machine: Machine that moves.
+        profile: Profile (piston speeds and forces) at the k + 1 points of the motion.
+        middles: Profile at the middles between the points.
+        modes: Mode codes between the points, shape (k, n).
+
+    Returns:
+        RAMP_RESERVE times the factor by which inertia forces are too large [-]. inf if the pressure
+        does not even suffice without inertia.
+    """
+    return RAMP_RESERVE * max(
+        find_inertia_excess(machine.arrays, part.speed, part.force, part.inertia, modes)
+        for part in (profile[:-1], middles, profile[1:])
+    )
 
 
 def compute_needed_factors(

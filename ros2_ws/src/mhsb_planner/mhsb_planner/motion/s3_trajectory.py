@@ -75,6 +75,7 @@ from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
 from mhsb_planner.motion.s3_slowing import (
     USAGE_RESERVE,
     compute_needed_factors,
+    compute_ramp_growth,
     spread_over_steps,
 )
 from mhsb_planner.motion.s3_state_to_rest import Steering
@@ -104,7 +105,7 @@ ACCEPTED_LIMIT_USE = 1.0001
 
 A longer duration may have no effect because ramp times are multiples of RAMP_TIME_STEP."""
 
-MAX_STRETCH_ROUNDS = 8
+MAX_STRETCH_ROUNDS = 12
 """Number of times that a curve is stretched before it is refused."""
 
 LONGEST_MOTION = MAX_DURATION_NS / SECOND_NS - 10.0
@@ -280,18 +281,12 @@ def fit_trajectory(
     rules = rules or FitRules()
     refused: list[str] = []
     least = rules.min_duration / float(path.duration.sum())
-    lacked = False
     for kind in iterate_candidates(machine, path, start, brake, coast, modes, rules):
-        if kind.only_after_thrust_lack and not lacked:
-            continue
         candidate = kind if kind.stretch >= least else replace(kind, stretch=least)
         outcome = _fit_candidate(machine, limits, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused)) if refused else outcome
         refused.append(f"{candidate.name}: {outcome}")
-        lacked = (
-            isinstance(outcome, Violation) and outcome.limit.time_scaling is TimeScaling.INERTIA
-        )
     raise FitError(tuple(refused))
 
 
@@ -423,7 +418,7 @@ def _fit_each(
 ) -> None:
     """Fit all curves for several beginnings of a motion, in order to compile kernels.
 
-    For each motion that keeps the limits, the energy is also computed.
+    For each motion that keeps the limits, the energy is also computed, and what ramps would need.
 
     Args:
         machine: Machine that moves.
@@ -440,6 +435,9 @@ def _fit_each(
             if isinstance(motion, FittedMotion):
                 compute_motion_energy(machine, motion.trajectory, motion.schedule)
                 _ = motion.energy, motion.overloads, motion.tip_deviation
+                assert motion.middles is not None
+                made = motion.scheduled
+                compute_ramp_growth(machine, made.profile, motion.middles, made.intervals)
 
 
 def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
@@ -552,8 +550,9 @@ def _fit_candidate(
     V_max, valves, pumps, or the limits of joint acceleration and jerk. All steps of the path then
     become longer; with `candidate.slows_pieces` only those around the violation.
 
-    Pressures, obstacles and the times between points are checked last. The curve is also refused if
-    slowing cannot mend a violation, or if the path would have to become too slow.
+    Pressures, obstacles and the times between points are checked last. If the pressure is too low,
+    the ramps (changes of speed) become longer, up to `candidate.max_ramp_factor`. The curve is also
+    refused if slowing cannot mend a violation, or if the path would have to become too slow.
 
     Args:
         machine: Machine whose joint limits and workspace are widened to include the start.
@@ -573,10 +572,10 @@ def _fit_candidate(
     """
     lead_in, before, path = candidate.lead_in, math.inf, candidate.path
     first = 0 if lead_in is None else len(lead_in.offset_ns) - 1
-    scale = np.full(path.steps, candidate.stretch)
+    scale, ramp_factor = np.full(path.steps, candidate.stretch), candidate.ramp_factor
     for _ in range(MAX_STRETCH_ROUNDS):
         deadline.check(FIT_TASK)
-        curve = candidate.curve_at(scale)
+        curve = candidate.curve_at(scale, ramp_factor)
         made = _schedule_curve(machine, limits, modes, candidate, curve, rules, deadline)
         if isinstance(made, str):
             return made
@@ -597,7 +596,14 @@ def _fit_candidate(
                 fit = candidate.method, lead_in is not None, (path, curve), scale
                 return FittedMotion(machine, scheduled, *fit, middles=middles)
             scaling = violation.limit.time_scaling
-            if scaling not in candidate.stretchable or violation.time < time[first]:
+            is_in_curve = violation.time >= time[first]
+            longest = candidate.max_ramp_factor
+            if scaling is TimeScaling.INERTIA and is_in_curve and ramp_factor < longest:
+                growth = compute_ramp_growth(machine, profile, middles, scheduled.intervals)
+                ramp_factor = min(longest, growth * ramp_factor)
+                scale = np.full(path.steps, candidate.stretch)
+                continue
+            if scaling not in candidate.stretchable or not is_in_curve:
                 return violation
             needed = compute_needed_factors(violation, ends, used, time, candidate.slows_pieces)
         else:

@@ -117,15 +117,20 @@ def list_variant_rules(
     stays = options.period == 0.0  # for a moving goal there is no time
     groups: list[tuple[FitRules, ...]] = []
     if stays and motion.method == FitMethod.RAMPED and not motion.braked:
-        groups.append(tuple(replace(varied, ramp_factors=(f,)) for f in FASTER_RAMP_FACTORS))
+        groups.append(tuple(_with_ramps(varied, each) for each in FASTER_RAMP_FACTORS))
         if options.weights.time > 0.0:
             groups.append((replace(varied, last_ramp_factor=LAST_RAMP_FACTOR),))
     if motion.method == FitMethod.POLYNOMIAL:
         if motion.stretch > 1.0 and not rules.polynomial_only and may_follow:
             groups.append((followed,))
     elif stays and motion.schedule.switch_count > path.switches:
-        groups.append(tuple(replace(varied, ramp_factors=(f,)) for f in SLOWER_RAMP_FACTORS))
+        groups.append(tuple(_with_ramps(varied, each) for each in SLOWER_RAMP_FACTORS))
     return groups
+
+
+def _with_ramps(rules: FitRules, factor: float) -> FitRules:
+    """Return rules with a fixed factor on the duration of the shortest ramps [-]."""
+    return replace(rules, ramp_factor=factor, max_ramp_factor=factor)
 
 
 def describe_rules(rules: FitRules) -> str:
@@ -138,8 +143,8 @@ def describe_rules(rules: FitRules) -> str:
         Method, then each factor on the ramps that is not 1, such as `followed, ramps x 0.72`.
     """
     words: str = rules.trajectory
-    if len(rules.ramp_factors) == 1 and rules.ramp_factors != (1.0,):
-        words += f", ramps x {rules.ramp_factors[0]:g}"
+    if rules.ramp_factor != 1.0:
+        words += f", ramps x {rules.ramp_factor:g}"
     if rules.last_ramp_factor != 1.0:
         words += f", last ramp x {rules.last_ramp_factor:g}"
     return words

@@ -103,7 +103,7 @@ def test_the_arm_stands_still_before_a_step_in_which_a_boost_begins(machine, wal
     [resting] = [each for each in tried if each.name.startswith("resting before boost")]
     assert resting is tried[-2]  # the last one rests at every node
     assert resting.path.steps == path.steps + 1
-    curve = resting.curve_at(np.ones(resting.path.steps))
+    curve = resting.curve_at(np.ones(resting.path.steps), 1.0)
     q, qd, _ = curve.sample(np.array([curve.node_time[3:5].mean()]))
     assert q[0] == pytest.approx(path.posture[3], abs=1e-9)
     assert qd[0] == pytest.approx(np.zeros(3), abs=1e-9)

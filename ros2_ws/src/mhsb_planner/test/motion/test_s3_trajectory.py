@@ -1,5 +1,6 @@
 """Every fitted motion keeps every limit, from rest and from nasty starts."""
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,12 @@ from hypothesis import strategies as st
 
 from mhsb_model.braking import brake_along, brake_from
 from mhsb_model.holding import choose_holding_modes
+from mhsb_model.hydraulics import compute_required_pressure
 from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, standstill
 from mhsb_model.types import frozen
+from mhsb_planner.deadline import NO_DEADLINE
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.motion import (
     piston_motion,
@@ -22,10 +26,12 @@ from mhsb_planner.motion import (
 )
 from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.motion.limits import joint_range
+from mhsb_planner.motion.s3_candidates import iterate_candidates
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitMethod,
     FitRules,
+    FittedMotion,
     fit_braking,
     fit_trajectory,
     warm_up,
@@ -149,11 +155,53 @@ def test_the_last_resort_goes_from_node_to_node_at_rest(machine, walk, worst):
         narrow = changed(
             machine, joint_min=path.posture.min(axis=0), joint_max=path.posture.max(axis=0)
         )
-        motion = from_rest(narrow, path, FitRules(ramp_factors=()))
-        if motion.method == FitMethod.STEPPED:
+        rest, rules = MotionState.at_rest(path.posture[0]), FitRules()
+        *_, last = iterate_candidates(narrow, path, rest, None, None, NORMAL, rules)
+        motion = s3_trajectory._fit_candidate(
+            narrow, narrow.arrays, NORMAL, last, rules, NO_DEADLINE
+        )
+        if isinstance(motion, FittedMotion):
             break
+    assert motion.method == FitMethod.STEPPED
     assert motion.joint_deviation < 1e-12
     assert_keeps_limits(motion, worst, narrow)
+
+
+def lifting_path(machine, posture, angle):
+    """One step by which the first actuator lifts the arm in mode DB at 60 % of V_max."""
+    ends = np.array([posture, posture + np.array([angle, 0.0, 0.0])])
+    stroke = np.ptp([machine.cylinder_lengths(q)[0] for q in ends])
+    duration = np.array([stroke / (0.6 * machine.arrays.max_piston_speed[0])])
+    modes = np.array([[Mode.DB, Mode.N, Mode.N]], dtype=np.uint8)
+    return replace(
+        s3_trajectory.create_example_path(machine),
+        tip=machine.tip_in_base(ends),
+        posture=ends,
+        modes=modes,
+        duration=duration,
+    )
+
+
+@pytest.mark.parametrize("reserve", [1.0, 1.2, 1.4])
+def test_ramps_are_hardly_longer_than_the_pressure_asks_for(machine, worst, reserve):
+    """The duration is compared with that of many fixed factors on the ramps."""
+    path = lifting_path(machine, np.array([0.1, -0.3, -0.1]), 0.3)
+    m, speed = machine.arrays, 0.6 * machine.arrays.max_piston_speed[0]
+    share = np.linspace(0.0, 1.0, 50)[:, None]
+    line = path.posture[0] + share * (path.posture[1] - path.posture[0])
+    needed = max(compute_required_pressure(m, 0, machine.piston_forces(q)[0], speed) for q in line)
+    weak = changed(machine, max_boost_pressure=needed + reserve * m.boost_margin)
+    rules = FitRules.create_following()
+    for factor in np.arange(1.0, 8.0, 0.02):
+        fixed = replace(rules, ramp_factor=factor, max_ramp_factor=factor, max_stretch=1.01)
+        with contextlib.suppress(FitError):
+            shortest = from_rest(weak, path, replace(fixed, stepped=False))
+            break
+    motion = from_rest(weak, path, rules)
+    assert factor > 1.3
+    assert motion.refused == ()
+    assert motion.trajectory.duration_ns <= shortest.trajectory.duration_ns + 0.01 * SECOND_NS
+    assert_keeps_limits(motion, worst, weak)
 
 
 def test_a_small_main_pump_stretches_the_motion(machine, walk, worst):
@@ -319,7 +367,7 @@ def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
     ]
     before = [len(kernel.signatures) for kernel in kernels]
     path = walk(np.random.default_rng(12), 6)
-    from_rest(machine, path, FitRules(ramp_factors=(1.0,)))
+    from_rest(machine, path, FitRules(max_ramp_factor=1.0))
     assert [len(kernel.signatures) for kernel in kernels] == before
 
 

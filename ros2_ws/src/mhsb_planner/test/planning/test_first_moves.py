@@ -155,7 +155,7 @@ def test_a_new_goal_on_the_way_back_leads_back_as_well(machine, table):
     options = PlanOptions(planner="integrated")
     first = replanner.replan(start, SECOND_NS, (0.55, 0.4), 0.03, options)
     assert "joint_1" in compose_acceptance_sentence(first, Goal(1, 0.55, 0.4))
-    on_the_way = first.change_ns + SECOND_NS // 4
+    on_the_way = first.change_ns + SECOND_NS // 5
     second = replanner.replan(first.command, on_the_way, (0.7, 0.1), 0.03, options)
     excess = excesses(machine, second.command.trajectory)[:, 0]
     at_change = (second.change_ns - second.command.stamp_ns) // LOOKS_NS

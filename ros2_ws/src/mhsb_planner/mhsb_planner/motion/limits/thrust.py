@@ -12,6 +12,8 @@ Source: paper, Section 2.1, with inertia added.
 
 from __future__ import annotations
 
+import math
+
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
@@ -22,6 +24,7 @@ from mhsb_model.hydraulics import (
     opposes_motion,
 )
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScaling
 
 
@@ -51,6 +54,47 @@ def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
             highest = get_max_supply_pressure(oil, m.modules_per_mode[state.modes[j]])
             hardest = max(hardest, needed / highest)
     return hardest
+
+
+@kernel
+def find_inertia_excess(
+    m: MachineArrays,
+    speed: FloatArray,
+    force: FloatArray,
+    inertia: FloatArray,
+    modes: ModeArray,
+) -> float:
+    """Find the factor by which inertia forces exceed those for which the pressure suffices.
+
+    The needed pressure p is linear in the inertia force. With p_0 without inertia, and the highest
+    supply pressure p_max, the factor is (p − p_0)/(p_max − p_0). The unit tests compare the result
+    with the thrust of a motion whose inertia forces are divided by it.
+
+    Args:
+        m: Arrays of the machine.
+        speed: Piston speeds, shape (k, n) [m/s].
+        force: Piston forces under gravity, shape (k, n) [N].
+        inertia: Piston forces from inertia, shape (k, n) [N].
+        modes: Mode codes (N, DB, SB), shape (k, n).
+
+    Returns:
+        Largest factor of all cylinders and instants [-]; 1 if the pressure suffices everywhere. inf
+        if it does not suffice without inertia.
+    """
+    oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
+    margin, largest = compute_inertia_margin(oil), 1.0
+    for k in range(len(speed)):
+        for j in range(speed.shape[1]):
+            v, f, load = speed[k, j], force[k, j], force[k, j] + inertia[k, j]
+            if abs(v) > MAX_HELD_SPEED and opposes_motion(load, v):
+                highest = margin + get_max_supply_pressure(oil, m.modules_per_mode[modes[k, j]])
+                needed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
+                still = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], f, v)
+                if needed > highest > still:
+                    largest = max(largest, (needed - still) / (highest - still))
+                elif needed > highest:
+                    largest = math.inf
+    return largest
 
 
 THRUST_LIMIT = StateLimit(
