@@ -21,7 +21,8 @@ deviation of its own. Before any data, all overlaps have the correlation ρ:
 
     b_i = b₀ + d_i,    Var b₀ = ρ σ²,    Var d_i = (1 − ρ) σ²
 
-If one valve shows an overlap, the same is expected of the other valves until they have moved, too.
+If one valve shows an overlap, a similar overlap is assumed for each other valve until that valve
+has moved.
 
 An estimate of g outside its limits is moved to the limit along the covariance P. Here x is the
 vector of the estimates:

@@ -235,7 +235,7 @@ class Machine:
         """Return the planar part of a slewing arm, with the zones that its plane meets.
 
         Each zone in space becomes an obstacle in the plane, its shadow. The shadow contains all
-        points of the plane that are in the zone at any slew angle between the two given ones. A
+        points of the plane that are in the zone at any slew angle between the two given angles. A
         posture clear of the shadows is clear of the zones at each of these angles.
 
         Args:
@@ -558,8 +558,8 @@ class Machine:
     def project_to_plane(self, position: Position | FloatArray) -> FloatArray:
         """Convert positions in `base_link` into the arm's plane.
 
-        A slewing arm moves in a vertical plane that its joint 1 turns. For each position, the plane
-        is turned towards it; the slew's limits are not checked.
+        A slewing arm moves in a vertical plane that its joint 1 turns. The plane is turned towards
+        each position; the slew's limits are not checked.
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].

@@ -168,7 +168,7 @@ def assign_modules(
         module is idle.
 
     Raises:
-        ValueError: The mode combination needs more modules than remain without the lost ones.
+        ValueError: The mode combination needs more modules than are left.
     """
     actuator_count = len(pattern)
     needed = [modules_per_mode[mode] for mode in pattern]

@@ -62,7 +62,7 @@ class Section(BaseModel):
 
 
 class Link(Section):
-    """A rigid link, from its joint to the next one (or to the tip)."""
+    """A rigid link, from its joint to the next joint (or to the tip)."""
 
     length: Length = Field(description="joint to next joint [m]")
     mass: Mass = Field(description="[kg]")
@@ -253,7 +253,7 @@ class Stroke(Section):
 
 
 def _check_joint_kind(kind: Any) -> Any:
-    """Refuse a joint kind that does not exist, with a message that lists the valid ones.
+    """Refuse a joint kind that does not exist, with a message that lists the valid kinds.
 
     Args:
         kind: Value of the key `kind` of a joint that is neither prismatic nor a slew.

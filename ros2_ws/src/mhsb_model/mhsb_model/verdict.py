@@ -128,8 +128,8 @@ class PlanSummary:
 class GoalVerdict:
     """A verdict on one goal, with a sentence for people.
 
-    A verdict has a plan if it accepts its goal, and otherwise none. Creating a verdict against this
-    rule raises ValueError.
+    A verdict has a plan only if it accepts its goal. Creating a verdict against this rule raises
+    ValueError.
 
     Attributes:
         code: The verdict.

@@ -360,8 +360,8 @@ def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Res
         Result of the task.
 
     Raises:
-        KeyboardInterrupt: SIGINT came during the task, or earlier: since the process started or
-            ended its last task.
+        KeyboardInterrupt: SIGINT came during the task, or since the process started or ended its
+            previous task.
     """
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -392,8 +392,8 @@ class Planner:
             options: Options with goal region, end-link angle and via points.
 
         Returns:
-            True if it ends there with an admissible end-link angle. False if the options have via
-            points, because it is not known which of these have been passed.
+            True if the plan in force ends there with an admissible end-link angle. False if the
+            options have via points, because it is not known which of these have been passed.
         """
         end = remainder.position[-1]
         return options.is_goal_reached(self.machine, goal, end) and not options.via

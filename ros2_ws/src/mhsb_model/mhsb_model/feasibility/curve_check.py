@@ -400,8 +400,8 @@ def _check_piece(
         low: Lower limit of the position in this piece [rad or m].
         high: Upper limit of the position in this piece [rad or m].
         rate_limits: Limits of speed, acceleration and jerk of the joint, float64[3].
-        excesses: Worst excesses of the joint so far, float64[3, 4], written in place if the piece
-            has worse ones. The first index is EXCESS_ROW, VALUE_ROW or TIME_ROW, the second a
+        excesses: Worst excesses of the joint so far, float64[3, 4]. Overwritten where the piece has
+            worse excesses. The first index is EXCESS_ROW, VALUE_ROW or TIME_ROW, the second a
             `Quantity`.
     """
     h, position, jerk = piece.duration, piece.position, piece.jerk

@@ -185,7 +185,7 @@ def _describe_wrong_length(item: Any, value: str) -> str:
 
 
 def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:
-    """Describe a key that the schema does not have, and suggest valid ones.
+    """Describe a key that the schema does not have, and suggest valid keys.
 
     The result is a sentence without the key. The caller puts the path, which ends with the key,
     before this sentence.

@@ -91,7 +91,7 @@ def solve_posture(
         z: Tip position up [m].
         free: Free variables, float64[n - 2], [rad or m]. Without telescopes: the first n − 3 joint
             angles, then the end-link angle ψ (the sum of all angles). With telescopes: the
-            positions, in joint order, of all joints except the last two of the revolute ones.
+            positions, in joint order, of all joints except the last two revolute joints.
         elbow: Branch of the solution, −1 or 1. Without telescopes: the sign of the second-last
             joint's angle. With telescopes: 1 if the tip is to the left of the line from the first
             to the second of the last two revolute joints, else −1.
@@ -145,7 +145,8 @@ def find_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> Floa
         psi: End-link angles ψ to look at (sums of all joint angles), float64[k], [rad].
 
     Returns:
-        Postures in the order of `psi`, float64[found, n], [rad]; each ψ can have none or several.
+        Postures in the order of `psi`, float64[found, n], [rad]; each ψ can have no posture, one or
+        several.
     """
     n = len(m.link_length)
     inner = INNER_SAMPLES ** (n - 3)
@@ -415,7 +416,7 @@ def find_closing_joints(m: MachineArrays) -> tuple[int, int]:
         m: Planar machine (without a slewing joint).
 
     Returns:
-        Indices i < j. With one revolute joint, i is −1; with none, both are.
+        Indices i < j. With one revolute joint, i is −1; without revolute joints, i and j are −1.
     """
     i = j = -1
     for k in range(len(m.slides)):

@@ -7,7 +7,7 @@ loop that divides would take more than twice as long.
 This module also shortens compilation. Numba makes each kernel callable from Python and from C and
 optimizes it fully. Most kernels are only called by other kernels. They are linked into the caller
 and optimized again there. So each kernel has two dispatchers. Calls by other kernels use the inner
-one, whose versions are lightly optimized and have no wrappers.
+dispatcher, whose versions are lightly optimized and have no wrappers.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from mhsb_model.types import BoolArray, FloatArray, ModeArray
 def copy_row(
     target: FloatArray | ModeArray | BoolArray, source: FloatArray | ModeArray | BoolArray
 ) -> None:
-    """Copy all values of an array into another one.
+    """Copy all values of an array into another array.
 
     Args:
         target: Receives the values in place, shape (n,).

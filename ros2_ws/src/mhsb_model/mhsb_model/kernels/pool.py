@@ -94,7 +94,7 @@ class _BarProgress:
             )
 
     def update(self, done: int) -> None:
-        """Set the bar to the number of functions that are done; close it after the last one.
+        """Set the bar to the number of functions that are done; close it when all are done.
 
         Args:
             done: Number of functions that are done.
@@ -155,8 +155,8 @@ def _serve_queue(waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[
     """Pass functions from a queue to one worker process, until the queue is empty.
 
     This function runs in a thread of its own. The worker process is started for the first function
-    from the queue. If the worker dies, the function that it was running counts as failed, and the
-    next one gets a new worker. At the end the worker is stopped.
+    from the queue. If the worker dies, its current function counts as failed, and a new worker is
+    started for the next function. At the end the worker is stopped.
 
     Args:
         waiting: Functions that are not started yet, as `MODULE:FUNCTION`; shared by all threads.

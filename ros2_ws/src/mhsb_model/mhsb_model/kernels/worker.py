@@ -1,4 +1,4 @@
-"""Process that compiles kernels for another one: `python -m mhsb_model.kernels.worker`.
+"""Process that compiles kernels for another process: `python -m mhsb_model.kernels.worker`.
 
 It reads one function per line from its input, as `MODULE:FUNCTION`, and calls it. The answer is one
 line: empty for success, else an error message. The process ends as soon as its input ends.

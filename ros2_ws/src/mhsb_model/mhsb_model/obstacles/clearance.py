@@ -10,7 +10,7 @@ clearances at both ends of a move bound the clearance in between:
 
     clearance ≥ (c_start + c_end − D) / 2,   D = Σ_k L_k |Σ_{j ≤ k} Δq_j|
 
-This holds if all joints move in proportion. If they do not, but none reverses, Σ_{j ≤ k} |Δq_j|
+This holds if all joints move in proportion. If they do not, but no joint reverses, Σ_{j ≤ k} |Δq_j|
 takes the place of |Σ_{j ≤ k} Δq_j|. A joint k that slides turns nothing and adds |Δq_k| to D; L_k
 is then the longer length of its link. A slew adds (a + Σ_k L_k) |Δq_1|, with joint 2 at a distance
 a ahead of its axis.

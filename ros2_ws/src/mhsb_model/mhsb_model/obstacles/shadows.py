@@ -52,9 +52,9 @@ def compute_shadows(
 
     A shadow is an obstacle in the arm's plane. It covers the points of the plane that are in the
     zone at any of these slew angles. A zone has up to two shadows, one ahead of the slew's axis and
-    one behind it. It has none if the plane does not reach it. The range of angles is widened, so
-    that links with a radius keep clear of zones beside the plane. The widening is computed from
-    link radii that include the margin of discrete paths.
+    one behind it. The zone has no shadow if the plane does not reach it. The range of angles is
+    widened, so that links with a radius keep clear of zones beside the plane. The widening is
+    computed from link radii that include the margin of discrete paths.
 
     Args:
         zones: Obstacles of the slewing arm; obstacles in its plane are ignored.

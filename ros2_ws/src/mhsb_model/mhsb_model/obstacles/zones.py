@@ -262,8 +262,8 @@ class Obstacles:
 
         Args:
             others: Obstacles to append. Column OBSTACLE_COLUMN of their rows has the index of a
-                name. It is raised by the number of names of these obstacles, so that it points to
-                the same name as before.
+                name. It grows by the number of names of these obstacles, so that it points to the
+                same name as before.
 
         Returns:
             New obstacles with all rows and names.

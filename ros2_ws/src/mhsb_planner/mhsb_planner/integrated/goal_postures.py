@@ -64,8 +64,8 @@ class GoalPostures:
         elbow: Elbow branch (sign of the second-last joint's angle) of each posture, −1 or 1, shape
             (count,). With telescopes: sign of the last turning joint's angle.
         free: Free coordinates of each posture, shape (count, n - 2) [rad or m]: the first n − 3
-            joint angles and ψ. With telescopes: the positions of all joints but the last two
-            turning ones.
+            joint angles and ψ. With telescopes: the positions of all joints except the last two
+            turning joints.
         free_units: Unit of each free coordinate (1 rad, or range/π of a telescope), shape (n - 2,)
             [rad or m]. 0 means that local changes must keep the coordinate.
         psi_range: Least and greatest admissible ψ [rad]; None if ψ is free.
@@ -146,7 +146,7 @@ def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None
     """Return the unit of each free coordinate of a goal posture: the change that counts as 1.
 
     Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
-    are the positions of all joints but the last two turning ones, which close the chain.
+    are the positions of all joints except the last two turning joints, which close the chain.
 
     The unit is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means
     that local changes must keep the coordinate. If `between` is given, the unit of ψ is 0. With
@@ -196,7 +196,7 @@ def _sample_at_tip(
         - Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,). With
           telescopes: sign of the last turning joint's angle.
         - Free coordinates, shape (count, n - 2) [rad or m]: q₁ … q₍ₙ₋₃₎ and ψ. With telescopes:
-          positions of all joints but the last two turning ones.
+          positions of all joints except the last two turning joints.
 
     Raises:
         OutOfWorkspaceError: The tip position is outside the workspace.
@@ -221,8 +221,8 @@ def _sample_telescopic_chain(
     """Sample the postures of a chain with telescopes at one tip position, obstacles ignored.
 
     If `between` is given, evenly spaced end-link angles ψ are tried; each may give no posture or
-    several. Otherwise all joints but the last two turning ones are sampled on a grid over their
-    ranges. The last two turning joints then follow from the tip, in up to two ways (sides).
+    several. Otherwise all joints except the last two turning joints are sampled on a grid over
+    their ranges. The last two turning joints then follow from the tip, in up to two ways (sides).
 
     Args:
         machine: The arm without a slewing joint.
@@ -238,7 +238,8 @@ def _sample_telescopic_chain(
 
         - Postures, shape (count, n) [rad or m].
         - Signs of the last turning joint's angle, −1 or 1, shape (count,).
-        - Positions of all joints but the last two turning ones, shape (count, n - 2) [rad or m].
+        - Positions of all joints except the last two turning joints, shape (count, n - 2) [rad or
+          m].
     """
     a, held = machine.arrays, held_joints(machine)
     i, j = find_closing_joints(a)
@@ -269,8 +270,8 @@ def _compute_postures(
         x: Tip position forward [m].
         z: Tip position upward [m].
         free: Free joint coordinates, shape (count, n - 2) [rad or m]: the first n − 3 joint angles
-            and the end-link angle ψ. With telescopes: the positions of all joints but the last two
-            turning ones.
+            and the end-link angle ψ. With telescopes: the positions of all joints except the last
+            two turning joints.
         elbow: Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,). With
             telescopes the sign of the last turning joint's angle.
         posture: Written in place, shape (count, n) [rad or m]; rows without a posture are

@@ -97,8 +97,8 @@ def _elbows_and_free_coordinates(
     Without telescopes the elbow branch is 1 if the second-last joint's angle is positive, else −1.
     The free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes
     the elbow branch is the sign of the last turning joint's angle (`find_closure_side`). The free
-    coordinates are then the positions of all joints but the last two turning ones, which close the
-    chain.
+    coordinates are then the positions of all joints except the last two turning joints, which close
+    the chain.
 
     Args:
         machine: The arm without a slewing joint.

@@ -109,8 +109,8 @@ def enclose_cell(
     """Compute the ranges of all cylinder lengths that occur in a cell of goal postures.
 
     A cell holds an interval for each free coordinate. Free coordinates are the first n − 3 joint
-    angles and the end-link angle ψ. With telescopes they are the positions of all joints but the
-    last two turning ones, which close the chain. Interval arithmetic gives ranges that may be too
+    angles and the end-link angle ψ. With telescopes they are the positions of all joints except the
+    last two turning joints, which close the chain. Interval arithmetic gives ranges that may be too
     wide, but never too narrow.
 
     Args:
@@ -194,7 +194,7 @@ def _compute_cell_bounds(
             sign of the last turning joint's angle.
         cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m]. The free
             coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes:
-            the positions of all joints but the last two turning ones.
+            the positions of all joints except the last two turning joints.
         w: Working memory, shape (5, n), overwritten.
 
     Returns:

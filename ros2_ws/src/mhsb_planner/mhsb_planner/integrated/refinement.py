@@ -38,8 +38,8 @@ class SweptPath(NamedTuple):
         elbow: Elbow branch (sign of the second-last joint's angle) of the posture at the end, −1 or
             1. With telescopes: sign of the last turning joint's angle.
         free: Free coordinates of the posture at the end, shape (n - 2,) [rad or m]: the first n − 3
-            joint angles, and ψ of the end link. With telescopes: the positions of all joints but
-            the last two turning ones.
+            joint angles, and ψ of the end link. With telescopes: the positions of all joints except
+            the last two turning joints.
     """
 
     waypoints: FloatArray
@@ -144,8 +144,8 @@ def compute_goal_lengths(
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
             sign of the last turning joint's angle.
         free: Free coordinates, shape (n - 2,) [rad or m]: the first n − 3 joint angles and the
-            end-link angle ψ. With telescopes: the positions of all joints but the last two turning
-            ones.
+            end-link angle ψ. With telescopes: the positions of all joints except the last two
+            turning joints.
         length: Written in place, shape (n,) [m]; unchanged if there is no posture.
 
     Returns:

@@ -12,7 +12,7 @@ from mhsb_model.types import FloatArray
 MAX_TAYLOR_STEP = 1e-5
 """Largest second correction of a joint position that `convert_to_joints` accepts [rad or m].
 
-After a smaller correction, the remaining error is below rounding. After a larger one,
+After a smaller correction, the remaining error is below rounding. After a larger correction,
 `find_joint_angle` solves for the position."""
 
 

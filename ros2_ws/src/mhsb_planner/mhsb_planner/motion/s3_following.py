@@ -254,7 +254,7 @@ def compute_followed_path(
     Each change of the piston speeds is a ramp (smooth change). Motions with longer and longer ramps
     are tried until one keeps the limits. The first ramps are the shortest for the fastest step of
     the path, multiplied by `ramp_factor`. If the arm moves at the start, the path begins during
-    `coast` in the first motions, and after `coast` in the later ones.
+    `coast` in the first motions, and after `coast` in later motions.
 
     Args:
         machine: Machine that moves.

@@ -45,7 +45,7 @@ LOOK_NS = 4_000_000
 def iterate_harder_brakings(
     machine: Machine, trajectory: Trajectory, at_ns: int
 ) -> Iterator[Trajectory]:
-    """Yield motions that brake along a trajectory's path, each harder than the one before.
+    """Yield motions that brake along a trajectory's path, each harder than the previous motion.
 
     The pistons keep the machine's limits of acceleration and jerk. If the trajectory itself exceeds
     a limit on the same stretch of its path, its own peak is the limit. If no braking keeps these

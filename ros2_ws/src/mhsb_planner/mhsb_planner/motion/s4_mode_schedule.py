@@ -197,8 +197,7 @@ def keeps_dwell(
         rules: Rules for switching, with the least time `min_dwell`.
 
     Returns:
-        True if the time is kept, also between the last switch before the first instant and the next
-        switch.
+        True if the time is kept; the last switch before the first instant is included.
     """
     least = rules.min_dwell - _ROUNDING
     return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)

@@ -17,7 +17,7 @@ from mhsb_model.trajectory import SECOND_NS
 STAMP_WINDOW = 1.0
 """Age up to which a stamp is used to compute the time of the arm's clock [s].
 
-The age is relative to the latest kept stamp. Of these stamps, the least delayed one counts.
+The age is relative to the latest kept stamp. The least delayed of these stamps counts.
 """
 
 SPEED_WINDOW = 3.0

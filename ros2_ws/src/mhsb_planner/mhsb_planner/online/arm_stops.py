@@ -58,9 +58,8 @@ class ArmStops:
         """Find the time up to which goals are void, from the arm's report of its last stop.
 
         A goal is void if it was sent before the report was received, and at most `OLD_STOP` after
-        the stop. For the first report that the planner receives, a void goal must have been sent
-        before the stop. The first messages may be seconds old, so that the stop is older than it
-        seems.
+        the stop. With the first report that the planner receives, only goals sent before the stop
+        are void, because the first messages may be seconds old.
 
         A stop that this planner has called for makes no goal void. The report is ascribed to the
         oldest call without a report, unless the stop came more than `OLD_STOP` before this call.

@@ -37,9 +37,9 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
     """Choose the stamp and the change of a command that takes over from another command.
 
     The new command begins at its stamp and repeats the old command for `commit_horizon_ns`. The
-    instant at which it then deviates from the old command is the change. Two trajectory points must
-    not be closer than `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp
-    is therefore chosen in steps:
+    instant at which it leaves the old command is the change. Two trajectory points must not be
+    closer than `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is
+    therefore chosen in steps:
 
     1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
     2. If an old point follows the stamp by less than this spacing, the stamp moves to this point.

@@ -67,7 +67,7 @@ class PlannerIO(Protocol):
     def describe_publisher_conflict(self) -> str:
         """Return a sentence that names the publishers of `reference` if there are several.
 
-        The publishers are those in the ROS graph, which still shows a killed process for a while.
+        Publishers are read from the ROS graph, where a killed process still appears for a while.
 
         Returns:
             The sentence; empty if there is one publisher or none.

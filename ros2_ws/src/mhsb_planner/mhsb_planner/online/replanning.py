@@ -1,9 +1,9 @@
 """Planning while the arm moves: from the command in force to the command that takes over.
 
 A command is a joint trajectory with its mode schedule. A new command first repeats the old command
-for the time of its commit horizon. At its change, it then deviates from the old command, with equal
-position, velocity and acceleration. The time of plans is the arm's clock minus the delay that speed
-scaling has caused.
+for the time of its commit horizon. At its change it leaves the old command, with equal position,
+velocity and acceleration. The time of plans is the arm's clock minus the delay that speed scaling
+has caused.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Replanner:
         """Plan from the command in force to a goal.
 
         The new command begins at its own stamp and repeats `in_force` for the time of the commit
-        horizon. At its change, it then deviates from `in_force`.
+        horizon. From its change on, it deviates from `in_force`.
 
         Args:
             in_force: Command that the new command continues.

@@ -140,8 +140,8 @@ class StopSequence:
     def brake_for(self, obstacle: str) -> None:
         """Brake for an obstacle that lies ahead on the motion in force.
 
-        A new braking command is made even if the arm has already confirmed one of this stop, since
-        that command did not consider the obstacle.
+        A new braking command is made even if the arm has already confirmed a braking command of
+        this stop, because that command did not consider the obstacle.
 
         Args:
             obstacle: Name of the obstacle.

@@ -39,8 +39,8 @@ class Proposer:
 
         Args:
             name: Name of the proposer in the log.
-            proposals: Generator of its proposals. It yields None before work that takes long, so
-                that other proposers can have their turns first.
+            proposals: Generator of its proposals. It yields None before long work, so that other
+                proposers can have their turns first.
         """
         self.name = name
         self.last: PathProposal | None = None

@@ -47,7 +47,7 @@ ARM_LOOKS = 16
 
 CLIMB_STRIDE, CLIMB_HALVINGS = 0.08, 4
 """Largest change of a joint in one step out of an obstacle [rad], and number of step sizes tried
-[-]. Each step size is half of the one before. For a telescope, range/π stands for 1 rad.
+[-]. Each step size is half of the previous step size. For a telescope, range/π stands for 1 rad.
 """
 
 CLIMB_STEPS = 60

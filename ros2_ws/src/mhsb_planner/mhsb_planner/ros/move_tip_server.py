@@ -355,8 +355,8 @@ class MoveTipServer:
         """Begin to plan for the next queued goal that will not be executed.
 
         Only one such trial plan is made at a time, so a goal that will be executed waits for at
-        most one of them. Queued goals that have ended are skipped. Nothing happens if a trial plan
-        is being made, or if no goal is queued.
+        most one trial plan. Queued goals that have ended are skipped. Nothing happens if a trial
+        plan is being made, or if no goal is queued.
         """
         while self._trial_request is None and self._trial_queue:
             job, goal, adjusted = self._trial_queue.popleft()

@@ -413,9 +413,10 @@ class PlannerNode(Node):
     def _on_estimates(self, message: JointState) -> None:
         """Store the payload that the arm has estimated, and use it if `payload_from` is `estimate`.
 
-        An accurate estimate replaces the previous estimate if it differs enough (`choose_payload`).
-        If the parameter `payload_from` is `estimate`, plans use the new payload from now on, which
-        is logged. If planning refuses this payload, the previous payload is kept.
+        An accurate estimate replaces the previous estimate if the two differ enough
+        (`choose_payload`). If the parameter `payload_from` is `estimate`, plans use the new payload
+        from now on, which is logged. If planning refuses this payload, the previous payload is
+        kept.
 
         Args:
             message: Message of `estimates`. If it cannot be used, it is logged and dropped.

@@ -1,7 +1,7 @@
 """Limit of the pressure at which cylinders hold their loads.
 
-This limit never refuses a motion. It only selects intervals, those with a value near 1, for the
-check at close instants.
+This limit never refuses a motion. It selects intervals with a value near 1 for the check at close
+instants.
 
     holding = max_j p_j(F_j, 0) / p_max,j
 
