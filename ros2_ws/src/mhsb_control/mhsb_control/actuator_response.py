@@ -318,7 +318,7 @@ class InverseCurve:
             self._stood += weight
 
     def forget(self, time: float) -> None:
-        """Move the covariance towards the initial one.
+        """Move the covariance towards the initial covariance.
 
         Args:
             time: Time since the previous call [s].

@@ -681,10 +681,10 @@ def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSet
         settings: Tuned numbers of the controller itself.
 
     Returns:
-        Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before that, the valve is
-        throttled to the sum of two flows: what the line needs beyond the flow of its own pump, and
-        what raises the line's pressure to its target. The valve is shut if the rail's pressure is
-        not above the line's.
+        Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before that, it is 0 if the
+        rail's pressure is not above the line's; otherwise the valve lets two flows pass: the flow
+        that the line needs beyond the flow of its own pump, and the flow that raises the line's
+        pressure to its target.
     """
     axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
     drop = s.rail_pressure[0] - line_pressure

@@ -259,8 +259,8 @@ def evaluate_trajectory(
 ) -> None:
     """Evaluate a trajectory at full speed by quintic polynomials between its points.
 
-    Before the stamp, the state is that of the first point. After the last point, or if there is
-    only one point, the joints rest at it.
+    Before the stamp, the state is that of the first point. After the last point, or with a single
+    point, the joints rest at that point.
 
     Args:
         offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].

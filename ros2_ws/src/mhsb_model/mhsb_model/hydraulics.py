@@ -309,7 +309,7 @@ def get_max_servo_pump_flow(oil: SharedHydraulics, modules: int) -> float:
     """Return the largest flow that the servo pumps give an actuator in a mode.
 
     Args:
-        oil: Largest flow Q_SP of one servo pump.
+        oil: Hydraulic numbers with the largest flow Q_SP of one servo pump [m³/s].
         modules: Number of booster modules, each with one servo pump, that the mode gives the
             actuator.
 
@@ -625,9 +625,9 @@ def compute_required_pressure(m: MachineArrays, j: int, force: float, speed: flo
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
     """Return whether actuator j needs boost to move or hold its load.
 
-    Boost is needed if the actuator holds or moves against its load, and the main pump's pressure is
-    below load pressure plus valve drop plus boost margin. A motion that the load helps never needs
-    boost.
+    Boost is needed if the actuator holds its load or moves against it, and if the main pump's
+    pressure is below load pressure plus valve drop plus boost margin. A motion that the load helps
+    never needs boost.
 
     Args:
         m: Arrays of the machine.

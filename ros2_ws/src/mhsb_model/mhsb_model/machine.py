@@ -303,7 +303,7 @@ class Machine:
 
     @cached_property
     def expected_delay(self) -> float:
-        """Delay that a servo without pressure sensors assumes before it has learnt one [s].
+        """Delay that a servo without pressure sensors assumes until it has learnt the delay [s].
 
         This is `servo.lag_compensated.expected_delay` of the machine file, or
         `DEFAULT_EXPECTED_DELAY` if the file does not have this key.

@@ -50,8 +50,8 @@ class Components(NamedTuple):
 def describe_components(machine: Machine, substep: float) -> Components:
     """Build the components of a machine's circuit at rest, without faults and with closed valves.
 
-    Module j belongs to actuator j. If there are more modules than actuators, the others are spare
-    and have no line.
+    Module j belongs to actuator j. If there are more modules than actuators, the additional modules
+    are spare and have no line.
 
     Args:
         machine: Machine whose file describes the circuit.

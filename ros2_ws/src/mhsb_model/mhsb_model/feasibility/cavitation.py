@@ -84,7 +84,7 @@ def summarize_cavitation(
     """Summarize for each actuator when and how strongly it cavitates during a motion.
 
     A chamber cavitates if the load empties it faster than the supply fills it. Each instant stands
-    for the time up to the next one, and the last one for 0 s.
+    for the time up to the next instant; the last instant stands for 0 s.
 
     Args:
         machine: Machine with n actuators.

@@ -48,7 +48,7 @@ def evaluate_slider_crank(
         L = √(u² + v² − 2 u v cos θ),  r = u v sin θ / L,  dr/dq = (u v cos θ − r²) / L
 
     u and v are the distances of the cylinder's pins from the joint's axis. θ = θ₀ + q is the angle
-    between them.
+    between the lines from the axis to the pins.
 
     Args:
         row: Numbers of the slider-crank, from `build_linkage_row`, float64[LINKAGE_WIDTH].

@@ -68,7 +68,7 @@ class DeferredSteps(NamedTuple):
 
 
 def create_deferred_steps(room: int) -> DeferredSteps:
-    """Create empty buckets with room for a number of steps; `start_bound` must still be set."""
+    """Create empty buckets with room for a number of steps; the caller must set `start_bound`."""
     return DeferredSteps(
         create_records(DeferredStep, room),
         np.full(BUCKET_COUNT, NO_STEP),

@@ -170,7 +170,8 @@ def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) 
     """Choose the ramp (smooth change of speed) that brings all pistons to rest.
 
     The result is the shortest ramp from the highest piston speed to rest. If a piston's
-    acceleration exceeds STEADY_ACCELERATION_SHARE of the limit, it is the shortest ramp from V_max.
+    acceleration exceeds STEADY_ACCELERATION_SHARE of the limit, the result is the shortest ramp
+    from V_max.
 
     Args:
         machine: Machine that moves.

@@ -383,7 +383,8 @@ def _create_polynomial(
     """Create the published curve, one polynomial of degree 6 per joint, as a curve to try.
 
     Two rules hold if the arm moves at the start. The polynomial must not be slowed after its first
-    trial. No joint may travel farther in its initial direction than during braking and the path.
+    trial. No joint may travel farther in its initial direction than it does during `brake` or on
+    the path.
 
     Args:
         path: Discrete path.

@@ -471,8 +471,8 @@ def _check_holding(machine: Machine, posture: FloatArray) -> None:
         posture: Joint positions, shape (n,) [rad or m].
 
     Raises:
-        FitError: There are fewer booster modules than the actuators need whose loads the main
-            pump's pressure cannot hold.
+        FitError: There are too few booster modules for the actuators whose loads the main pump's
+            pressure cannot hold.
     """
     m = machine.arrays
     if m.modules_per_mode[Mode.DB] * machine.joint_count <= m.module_count:

@@ -615,7 +615,7 @@ def _enforce_lead_and_dwell(
         time: Limits of the intervals; interval i lasts from time[i] to time[i + 1], [s].
         on: True or False for each interval. Entries from `first` to last - 1 are written in place.
         first: First interval that may change.
-        last: One after the last interval that may change.
+        last: Last interval that may change, plus 1.
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
         beside: State before interval `first`, and state from interval `last` on. _ON: a run that
@@ -767,12 +767,12 @@ def _extend_run(modes: ModeArray, first: int, last: int, j: int, mode: int) -> t
     Args:
         modes: Mode codes (N, DB, SB), shape (intervals, n).
         first: Index of the range's first interval.
-        last: Index one after the range's last interval.
+        last: Index of the range's last interval plus 1.
         j: Index of the actuator.
         mode: Mode code of the adjacent intervals that are added.
 
     Returns:
-        Index of the first interval, and index one after the last interval.
+        Index of the first interval, and index of the last interval plus 1.
     """
     while first > 0 and modes[first - 1, j] == mode:
         first -= 1
@@ -795,7 +795,7 @@ def _keeps_dwell_after_change(
         time: Limits of the intervals, shape (k,) [s].
         modes: Mode codes before the change, shape (k - 1, n).
         first: First interval to change.
-        last: One after the last interval to change.
+        last: Last interval to change, plus 1.
         j: Index of the actuator.
         mode: New mode of these intervals.
         dwell: Least time between two switches [s].
@@ -824,8 +824,8 @@ def _compute_shortest_run(
 ) -> float:
     """Compute the least time between two mode switches of the same actuator.
 
-    The time between an actuator's last switch before the first instant and its next switch counts,
-    too.
+    This includes the time from an actuator's last switch before the first instant to its next
+    switch.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].

@@ -99,7 +99,7 @@ def yield_graph_paths(
 def _search_path_to(
     tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> DiscretePath:
-    """Search a path to one tip position in a step graph, by the search that the options name.
+    """Search for a path to one tip position in a step graph, by the search that the options name.
 
     Args:
         tip: Tip position (x, z) [m].

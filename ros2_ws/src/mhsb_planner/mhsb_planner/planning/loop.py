@@ -295,8 +295,8 @@ class PlanningLoop:
         """Estimate the factor on V_max below which no slower motion will be cheaper.
 
         At f times its speed, the incumbent's path takes up to 1/f times as long and leaks up to 1/f
-        times as much. It saves at most the cost of boosts and mode switches. So the slower motion
-        may be cheaper if
+        times as much. Slowing saves at most the cost of boosts and mode switches. So the slower
+        motion may be cheaper if
 
             L (1/f − 1) < S,   that is   f > L/(L + S)
 
@@ -512,7 +512,7 @@ class PlanningLoop:
         return None
 
     def _fit_by(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
-        """Fit a motion to a path by S3; for a path without steps, only bring the start to rest.
+        """Fit a motion to a path by S3. If the path has no steps, the motion only brakes to rest.
 
         Args:
             path: The path.

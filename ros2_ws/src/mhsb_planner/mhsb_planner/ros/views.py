@@ -315,7 +315,7 @@ def _create_marker(header: Header, namespace: str, kind: int, size: float) -> Ma
         size: Scale along x, y and z [m]. For a line it is the width.
 
     Returns:
-        Marker without a pose and a colour.
+        Marker without pose and colour.
     """
     return Marker(
         header=header,

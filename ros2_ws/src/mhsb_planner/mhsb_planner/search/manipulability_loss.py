@@ -83,8 +83,8 @@ def compute_reference_area(table: PostureTable) -> float:
         table: Posture table with at least one feasible node.
 
     Returns:
-        Reference area: the median over the feasible nodes of the node's largest area over its mode
-        combinations [m²/s²].
+        Reference area [m²/s²]: each feasible node has a largest area over its mode combinations;
+        the median of these areas.
     """
     return float(np.median(np.nanmax(table.area[table.feasible], axis=1)))
 
@@ -238,7 +238,7 @@ def _compute_area_profile(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m], and area in the mean of the part's two end
+        Straight distance of the tip in each part [m], and area at the mean of the part's two end
         postures [m²/s²], both of shape (k,).
 
     Raises:

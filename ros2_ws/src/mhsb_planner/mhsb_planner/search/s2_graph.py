@@ -45,8 +45,8 @@ def find_largest_polytope_postures(
 ) -> FloatArray:
     """Compute the posture with the fastest tip for each mode combination at a tip position.
 
-    This is the posture whose velocity polytope (all velocities of the tip within the pistons'
-    limits) has the largest area. The posture table is built by the same rule.
+    It is the posture with the largest area of the velocity polytope (all velocities of the tip
+    within the pistons' limits). The posture table is built by the same rule.
 
     Args:
         machine: Machine whose postures are wanted.

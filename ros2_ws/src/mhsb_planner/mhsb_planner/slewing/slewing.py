@@ -354,8 +354,8 @@ class SlewingPaths:
         Before the via point, zones are avoided at the slew angle of the start. After it they are
         avoided at the slew angle of the goal. The via points are the tips of at most
         MAX_CARRYING_POSTURES postures of the table, and are tried in two rounds. The first round
-        takes the first path found before and after the via point, the second round the cheapest.
-        Via points without a path are skipped.
+        takes the first path found on each side of the via point, the second round the cheapest. Via
+        points without a path are skipped.
 
         Args:
             planner: The planner itself, or a baseline (planner for comparison).
