@@ -86,7 +86,8 @@ class CoordinationSettings(Record):
     30 % smaller and larger, N = 5: RMS error +0.2 and −4.6 % (mhsb_arm3; overshoot +0.15 and
     +0.02 MPa), 0 and 0 % (excavator)."""
     charging_time_constants: float = 4.0
-    """Time in which a throttled join valve charges its line, in its time constants, 1 … 100.
+    """Time in which a throttled join valve charges its line, in time constants of the valve, 1 …
+    100.
 
     Origin: derivation; the shortest time without overshoot of a second-order loop of two equal
     time constants.

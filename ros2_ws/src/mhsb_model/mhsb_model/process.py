@@ -150,8 +150,8 @@ def missing_packages_explained() -> Iterator[None]:
 
     If the block raises ModuleNotFoundError for such a package, the process ends with code 1. One
     sentence on standard error then says how to install it. If rclpy is missing, every package
-    except those of the suite (`mhsb_…`) counts as one of ROS. Other missing modules are bugs, and
-    the error is raised.
+    except those of the suite (`mhsb_…`) counts as a package of ROS. Other missing modules are bugs,
+    and the error is raised.
     """
     try:
         yield

@@ -307,7 +307,7 @@ class PrismaticJoint(Section):
 
 
 class SlewJoint(Section):
-    """A joint that turns the plane of all others about the vertical, positive to the left."""
+    """A joint that turns the plane of all other joints about the vertical, positive to the left."""
 
     kind: Literal["slew"]
     link: Platform

@@ -134,8 +134,8 @@ def kernel(
         borrows: Promise that the function only works on existing arrays: it creates and returns no
             array, and calls no kernel that returns one. Numba then does not count references to
             arrays, which saves 0.7 µs for a call with a tuple of fifty arrays.
-        reads: Promise that the function writes to no argument and returns none. Other kernels then
-            share one version of it for writable and read-only arrays.
+        reads: Promise that the function neither writes to an argument nor returns one. Other
+            kernels then share one version of it for writable and read-only arrays.
         **options: Further options of `numba.njit`. `forceinline=True` compiles a function once and
             copies its code into each caller. `inline="always"` compiles it again at each call,
             which pays for functions that are called once.

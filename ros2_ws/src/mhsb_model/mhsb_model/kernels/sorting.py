@@ -14,8 +14,7 @@ from mhsb_model.types import FloatArray
 def sort_in_place(values: FloatArray, count: int) -> None:
     """Sort the first values of an array in ascending order, by insertion.
 
-    The time grows with the square of the number of values, or with the number itself if they are
-    nearly sorted.
+    The time grows with the square of `count`; for nearly sorted values, in proportion to `count`.
 
     Args:
         values: Values without NaN, shape (count or more,), changed in place.

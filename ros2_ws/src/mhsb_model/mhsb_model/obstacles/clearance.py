@@ -130,7 +130,7 @@ def _depth_in_box(segment: LineSegment, box: BoxInPlane) -> float:
 
     Returns:
         Least d [m]. If it is negative, the segment enters the box to the depth −d. Otherwise it is
-        only a lower bound on the distance between both.
+        only a lower bound on the distance between segment and box.
     """
     (ax, az, bx, bz), (x_min, z_min, x_max, z_max) = segment, box
     at_a = (x_min - ax, ax - x_max, z_min - az, az - z_max)

@@ -280,8 +280,8 @@ def _iterate_slower_motions(
 ) -> Iterator[RampedMotion]:
     """Yield motions along a path with ever longer ramps (smooth changes of speed).
 
-    If the arm moves at the start, these motions come first, in which the path begins before the
-    pistons are at rest:
+    If the arm moves at the start, the path begins before the pistons are at rest in the first
+    motions:
 
     1. One motion whose path begins with a ramp as long as the pistons' ramp to rest, so that a
        piston that keeps its speed does not slow down in between.

@@ -338,8 +338,8 @@ def _choose_interval_modes(
 ) -> ModeArray:
     """Compute the modes of all actuators between the instants of a motion.
 
-    First the intervals are determined in which each actuator needs boost. If boost would only hold
-    a load for a short time, it is dropped, since the closed valve holds the load. Then boost, and
+    First, the intervals in which an actuator needs boost are determined. If boost would only hold a
+    load for a short time, it is dropped, since the closed valve holds the load. Then boost, and
     shared boost (SB), begin earlier by `rules.lead` and are lengthened to `rules.min_dwell`. Boost
     at the start stays as it is until `age` has reached `rules.min_dwell`. Last, boost is reduced if
     too few booster modules are fitted. Some intervals may still use too many modules.
@@ -463,7 +463,7 @@ def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int
         dwell: Least time between two switches [s].
 
     Returns:
-        Index of the interval; k - 1, one more than the last interval, if there is none.
+        Index of the interval; k - 1, the number of intervals, if there is none.
     """
     i = 0
     while i < len(time) - 1 and time[i] - time[0] < dwell - age - _ROUNDING:

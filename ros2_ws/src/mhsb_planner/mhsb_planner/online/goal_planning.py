@@ -37,7 +37,7 @@ from mhsb_planner.online.start_state import (
 )
 
 FIRST_REPORT = 1.2
-"""Time after the arm's first state for which goals wait until the arm reports its machine [s].
+"""Longest time after the arm's first state for which goals wait for the report of its machine [s].
 
 The arm reports its machine every second."""
 

@@ -374,9 +374,9 @@ class PlannerNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
         """Decode the arm's reports on /diagnostics and pass them to the goal lifecycle.
 
-        A report on the arm itself contains fault, last stop, machine, plan delay and the failed
-        servo pumps, without which plans are made from now on. A report that the arm has refused a
-        plan contains the plan's stamp and the reason. Other statuses are ignored.
+        A report on the arm itself contains fault, last stop, machine, plan delay and failed servo
+        pumps. From then on, plans are made without the failed pumps. A report that the arm has
+        refused a plan contains the plan's stamp and the reason. Other statuses are ignored.
 
         Args:
             message: Message of `/diagnostics`. If a report in it cannot be read, the message is

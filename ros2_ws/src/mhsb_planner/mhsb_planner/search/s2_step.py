@@ -431,7 +431,7 @@ def _describe_move(
         buffers: `move[k]` (columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint) and two bit masks
             of joints are written in place. Joints in `must_boost[k]` need boost even at the lowest
             speed, joints in `may_boost[k]` at V_max. If `moves.middle_force[k]` (the piston forces
-            halfway of the move) is NaN, the move is inadmissible. `must_boost[k]` is then
+            at the middle of the move) is NaN, the move is inadmissible. `must_boost[k]` is then
             NO_PATTERN, `may_boost[k]` is 0, and `move[k]` is unchanged.
     """
     start, end, i, last = moves.start, moves.end, moves.origin, moves.first + k
