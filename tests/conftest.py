@@ -20,13 +20,13 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from mhsb_model.arm_reports import HandOverReport, SimulatorReport
 from mhsb_model.machine import load_machine
 from mhsb_model.verdict import ExecutionReport, GoalVerdict
 from mhsb_msgs_py import joint_state, reference, sim_status, stamps, topics
 from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
 from mhsb_msgs_py.reference import Reference
-from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
 from mhsb_planner.ros.goal_sender import GoalSender
 
 OF_ROS = {"/parameter_events"}

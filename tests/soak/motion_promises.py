@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from tests.soak.events import PLANNER, SIM, ActionKind, Events, overlaps_any
 from tests.soak.kept import PromiseResult
 
+from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_msgs_py.sim_status import APPLIED_OUTCOME
 from mhsb_planner.motion.s3_trajectory import FitRules
 from mhsb_tools.recording.recording import JointTable
 
@@ -66,7 +66,9 @@ def check_hand_over_jumps(events: Events) -> PromiseResult:
     Returns:
         The result; each applied plan is one case.
     """
-    applied = [e.value for e in events.recording.hand_overs if e.value.outcome == APPLIED_OUTCOME]
+    applied = [
+        e.value for e in events.recording.hand_overs if e.value.outcome == HandOverOutcome.APPLIED
+    ]
     broken = tuple(
         f"plan {events.seconds(each.plan_stamp_ns):.3f} s: {each.position_jump:.2g} rad, "
         f"{each.velocity_jump:.2g} rad/s"

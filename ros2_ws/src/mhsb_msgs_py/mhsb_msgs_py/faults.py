@@ -152,14 +152,6 @@ class Faults:
         """Return the sentence on the latest fault; empty `SHOWN_FOR` seconds after the fault."""
         return self.last if time.monotonic() - self._last_at < SHOWN_FOR else ""
 
-    def get_status_values(self) -> dict[str, str]:
-        """Return the values that describe the faults in a status on /diagnostics.
-
-        Returns:
-            `faults`, the number of faults, and `last_fault`, the sentence on the latest fault.
-        """
-        return {"faults": str(self.count), "last_fault": self.last}
-
     def _count_in_a_row(self, place: str) -> None:
         """Count a failure of a watched callback, and stop the arm after too many in a row.
 

@@ -21,7 +21,7 @@ from mhsb_model.types import Position
 from mhsb_model.verdict import Verdict
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import GoalError
-from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
+from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME
 
 OFF_PLANE_TOLERANCE = 1e-3
 """Largest distance of a goal from the arm's plane [m]."""
@@ -41,9 +41,7 @@ def encode(goal: Goal, frame_prefix: str = "") -> PoseStamped:
         The pose, with position and stamp of the goal; it has no rotation. Its y is 0 for arms that
         do not slew.
     """
-    header = Header(
-        stamp=stamps.to_time(goal.stamp_ns), frame_id=frame_name(BASE_FRAME, frame_prefix)
-    )
+    header = Header(stamp=stamps.to_time(goal.stamp_ns), frame_id=frame_prefix + BASE_FRAME)
     position = Point(x=goal.x, y=goal.y or 0.0, z=goal.z)
     return PoseStamped(header=header, pose=Pose(position=position))
 
@@ -69,13 +67,13 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
         MessageError: The nanoseconds of the stamp are 10⁹ or more.
     """
     position, orientation = message.pose.position, message.pose.orientation
-    flat = message.header.frame_id == frame_name(WORK_PLANE_FRAME, frame_prefix)
+    flat = message.header.frame_id == frame_prefix + WORK_PLANE_FRAME
     stamp_ns = stamps.from_time(message.header.stamp)
     goal = _goal_as_sent(position, flat, stamp_ns, slews=to_base is not None)
 
     numbers = (position.x, position.y, position.z)
     turns = (orientation.x, orientation.y, orientation.z, orientation.w)
-    frames = [frame_name(BASE_FRAME, frame_prefix), frame_name(WORK_PLANE_FRAME, frame_prefix)]
+    frames = [frame_prefix + BASE_FRAME, frame_prefix + WORK_PLANE_FRAME]
     if not all(math.isfinite(number) for number in numbers + turns):
         raise GoalError(
             Verdict.NOT_FINITE,

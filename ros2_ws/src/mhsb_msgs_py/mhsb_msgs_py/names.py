@@ -22,8 +22,3 @@ def joint_names(count: int) -> tuple[str, ...]:
 def actuator_names(count: int) -> tuple[str, ...]:
     """Return `actuator_1`, `actuator_2`, ... in the order of the joints that they drive."""
     return tuple(f"actuator_{number}" for number in range(1, count + 1))
-
-
-def frame_name(name: str, prefix: str = "") -> str:
-    """Return a prefix followed by a frame's name."""
-    return prefix + name

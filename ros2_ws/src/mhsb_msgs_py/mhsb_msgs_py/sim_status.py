@@ -22,16 +22,11 @@ from mhsb_msgs_py import stamps
 from mhsb_msgs_py.names import SIM_NODE
 from mhsb_msgs_py.status_values import StatusValues, make_status
 
-__all__ = ["APPLIED_OUTCOME", "HandOverReport", "SimulatorReport", "decode", "encode"]
-
 HAND_OVER_STATUS = f"{SIM_NODE}: hand_over"
 """Name of the status on a plan."""
 
 SIMULATOR_STATUS = f"{SIM_NODE}: simulator"
 """Name of the status on the simulator itself."""
-
-APPLIED_OUTCOME = HandOverOutcome.APPLIED
-"""Outcome of a plan that the simulator executes."""
 
 
 def encode(
@@ -105,7 +100,7 @@ def _encode_hand_over(report: HandOverReport) -> DiagnosticStatus:
         "position_jump_rad": repr(float(report.position_jump)),
         "velocity_jump_rad_s": repr(float(report.velocity_jump)),
     }
-    level = Level.OK if report.outcome == APPLIED_OUTCOME else Level.WARN
+    level = Level.OK if report.outcome == HandOverOutcome.APPLIED else Level.WARN
     return make_status(HAND_OVER_STATUS, level, report.sentence, SIM_NODE, values)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from std_msgs.msg import Header
 
@@ -12,6 +12,7 @@ from mhsb_msgs_py import stamps
 from mhsb_msgs_py.endpoints import describe_duplicates
 from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.names import PLANNER_NODE
+from mhsb_msgs_py.status_values import make_status
 from mhsb_planner.online.arm_state import NO_PLAN, ArmState
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 from mhsb_planner.ros.outbox import RosOutbox
@@ -56,20 +57,21 @@ def compose_diagnostics(
     view = lifecycle.arm_state
     known = view.get_fresh_state(steady_time) is not None
     warnings = "; ".join(filter(None, (doubles, faults.get_recent_fault())))
-    status = DiagnosticStatus(
-        level=bytes([Level.OK if known and not warnings else Level.WARN]),
-        name=PLANNER_STATUS,
-        message=warnings or ("ready" if known else "no state of the arm is received"),
-        hardware_id=PLANNER_NODE,
-        values=[
-            KeyValue(key="verdicts_given", value=str(outbox.verdict_count)),
-            KeyValue(key="plan_in_force", value=_describe_plan_in_force(view)),
-            KeyValue(key="lead_s", value=f"{lifecycle.hand_over.horizon_estimator.horizon:.4f}"),
-            KeyValue(key="payload_kg", value=f"{payload:.3f}"),
-            KeyValue(key="machine", value=machine.name),
-            KeyValue(key="machine_hash", value=machine.planning_hash),
-            *(KeyValue(key=key, value=value) for key, value in faults.get_status_values().items()),
-        ],
+    status = make_status(
+        PLANNER_STATUS,
+        Level.OK if known and not warnings else Level.WARN,
+        warnings or ("ready" if known else "no state of the arm is received"),
+        PLANNER_NODE,
+        {
+            "verdicts_given": str(outbox.verdict_count),
+            "plan_in_force": _describe_plan_in_force(view),
+            "lead_s": f"{lifecycle.hand_over.horizon_estimator.horizon:.4f}",
+            "payload_kg": f"{payload:.3f}",
+            "machine": machine.name,
+            "machine_hash": machine.planning_hash,
+            "faults": str(faults.count),
+            "last_fault": faults.last,
+        },
     )
     header = Header(stamp=node.get_clock().now().to_msg())
     return DiagnosticArray(header=header, status=[status])

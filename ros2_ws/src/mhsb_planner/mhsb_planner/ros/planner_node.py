@@ -31,6 +31,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model import command_line
+from mhsb_model.arm_reports import HandOverReport
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState
@@ -53,7 +54,6 @@ from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.matching import MatchingSubscriptions
 from mhsb_msgs_py.node_process import spin_node
-from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle

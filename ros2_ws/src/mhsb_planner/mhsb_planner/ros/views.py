@@ -33,7 +33,7 @@ from mhsb_model.obstacles.zones import (
 )
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import stamps
-from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
+from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME
 
 PATH_SPACING_NS = 50_000_000
 """Time between the points of a drawn path [ns]."""
@@ -329,7 +329,7 @@ def _create_marker(header: Header, namespace: str, kind: int, size: float) -> Ma
 
 def _create_header(stamp_ns: int, frame: str, prefix: str) -> Header:
     """Create a header with a stamp [ns] and the name of a frame after its prefix."""
-    return Header(stamp=stamps.to_time(stamp_ns), frame_id=frame_name(frame, prefix))
+    return Header(stamp=stamps.to_time(stamp_ns), frame_id=prefix + frame)
 
 
 def _create_point(place: FloatArray, frame: str) -> Point:

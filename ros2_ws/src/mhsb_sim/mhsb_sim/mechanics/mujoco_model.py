@@ -16,7 +16,7 @@ import math
 import mujoco
 
 from mhsb_model.machine import Machine
-from mhsb_model.schema import AnyJoint, FourBar, Linkage, Pin, Platform, SliderCrank
+from mhsb_model.schema import AnyJoint, FourBar, Linkage, Platform, SliderCrank
 from mhsb_sim.mechanics.linkage_shapes import LINKAGE_OFFSET
 
 RAISING_AXIS = (0.0, -1.0, 0.0)
@@ -64,7 +64,13 @@ def build_model(machine: Machine) -> mujoco.MjModel:
     for index, joint in enumerate(machine.config.joints):
         body = _add_link(parent, offset, index, joint, size)
         _add_pins(parent, body, offset, index, joint.linkage)
-        _add_motor(spec, index)
+        motor = spec.add_actuator(
+            name=f"actuator_{index + 1}",
+            target=f"joint_{index + 1}",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            ctrllimited=mujoco.mjtLimited.mjLIMITED_FALSE,
+        )
+        motor.set_to_motor()
         parent, offset = body, joint.link.length
     _add_payload(parent, offset, machine.config.payload.mass, size)
     return spec.compile()
@@ -160,10 +166,21 @@ def _add_link(
         range=limits if slides else tuple(map(math.degrees, limits)),
     )
     if isinstance(link, Platform):
-        _draw_platform(body, link)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=(0.0, 0.0, -PLATFORM_HEIGHT, 0.0, 0.0, 0.0),
+            size=(max(link.length, PLATFORM_HEIGHT), 0.0, 0.0),
+            rgba=STEEL_COLOR,
+        )
         return body
     if slides:
-        _draw_extension(body, link.length, joint.limits.upper, size)
+        half = 0.5 * (link.length + joint.limits.upper)  # back into the link before it
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=(link.length - half, 0.0, 0.0),
+            size=(half, 0.012 * size, 0.015 * size),
+            rgba=STEEL_COLOR,
+        )
         return body
     width = 0.06 * link.length + 0.015 * size
     body.add_geom(
@@ -179,42 +196,6 @@ def _add_link(
         rgba=STEEL_COLOR,
     )
     return body
-
-
-def _draw_platform(body: mujoco.MjsBody, platform: Platform) -> None:
-    """Draw the platform of a slew as a turntable with the distance to joint 2 as radius.
-
-    Args:
-        body: Body of the platform.
-        platform: Platform of the machine file.
-    """
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=(0.0, 0.0, -PLATFORM_HEIGHT, 0.0, 0.0, 0.0),
-        size=(max(platform.length, PLATFORM_HEIGHT), 0.0, 0.0),
-        rgba=STEEL_COLOR,
-    )
-
-
-def _draw_extension(body: mujoco.MjsBody, length: float, stroke: float, size: float) -> None:
-    """Draw the sliding part of a telescope as a box.
-
-    The box begins at the tip of the part and reaches back by the link length plus the stroke. So it
-    reaches the link before even if it is fully extended.
-
-    Args:
-        body: Body of the sliding part.
-        length: Length of the link [m].
-        stroke: Upper joint limit [m].
-        size: Size of the arm relative to the paper's.
-    """
-    half = 0.5 * (length + stroke)
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=(length - half, 0.0, 0.0),
-        size=(half, 0.012 * size, 0.015 * size),
-        rgba=STEEL_COLOR,
-    )
 
 
 def _add_pins(
@@ -242,39 +223,13 @@ def _add_pins(
     if isinstance(linkage, FourBar):
         pins.append(("rocker_pivot", parent, offset, linkage.rocker_pivot))
     for name, frame, start, pin in pins:
+        x, z = pin.radius * math.cos(pin.angle), pin.radius * math.sin(pin.angle)
         frame.add_site(
             name=f"actuator_{index + 1}_{name}",
-            pos=_pin_position(start, pin),
+            pos=(start + x, LINKAGE_OFFSET, z),
             size=(0.012, 0.0, 0.0),
             rgba=STEEL_COLOR,
         )
-
-
-def _add_motor(spec: mujoco.MjSpec, index: int) -> None:
-    """Add a motor without limits on a joint; its control is the torque [N m] or the force [N].
-
-    Args:
-        spec: Model specification, changed in place.
-        index: Index of joint and actuator, from 0.
-    """
-    motor = spec.add_actuator(
-        name=f"actuator_{index + 1}",
-        target=f"joint_{index + 1}",
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        ctrllimited=mujoco.mjtLimited.mjLIMITED_FALSE,
-    )
-    motor.set_to_motor()
-
-
-def _pin_position(offset: float, pin: Pin) -> tuple[float, float, float]:
-    """Return the position of a pin in a body (x, y, z) [m].
-
-    Args:
-        offset: Origin of the pin's polar coordinates on the body's x axis [m].
-        pin: Polar coordinates of the pin: radius [m] and angle [rad].
-    """
-    x = offset + pin.radius * math.cos(pin.angle)
-    return (x, LINKAGE_OFFSET, pin.radius * math.sin(pin.angle))
 
 
 def _add_payload(parent: mujoco.MjsBody, offset: float, mass: float, size: float) -> None:

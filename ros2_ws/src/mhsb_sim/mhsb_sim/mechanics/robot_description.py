@@ -64,7 +64,8 @@ def build_robot_description(machine: Machine) -> str:
         _add_link(robot, child, joint.link.length, stroke, _build_link_inertial(machine, index))
         _add_joint(robot, machine, index, parent, child, at)
         parent, at = child, joint.link.length
-    SubElement(robot, "link", name="tip").append(_build_payload_inertial(machine))
+    mass, point = machine.config.payload.mass, SMALLEST_INERTIA
+    SubElement(robot, "link", name="tip").append(_build_inertial(mass, 0.0, point, point))
     _add_fixed(robot, "tip_mount", parent, "tip", f"{at:.9g} 0 0", "0 0 0")
     SubElement(robot, "link", name="work_plane")
     plane, at = ("link_1", machine.arrays.slew_offset) if machine.slews else ("base_link", 0.0)
@@ -88,11 +89,6 @@ def _build_link_inertial(machine: Machine, index: int) -> Element:
     link = machine.config.joints[index].link
     across = max(link.inertia, SMALLEST_INERTIA)
     return _build_inertial(link.mass, link.center_of_mass, AXIAL_INERTIA_RATIO * across, across)
-
-
-def _build_payload_inertial(machine: Machine) -> Element:
-    """Build the inertial element of the payload, a point mass."""
-    return _build_inertial(machine.config.payload.mass, 0.0, SMALLEST_INERTIA, SMALLEST_INERTIA)
 
 
 def _build_inertial(mass: float, center: float, along: float, across: float) -> Element:

@@ -65,7 +65,7 @@ class SimNode(Node):
         The arm stands at rest in its start posture. Faults of the parameter `fault` are injected.
         """
         super().__init__(names.SIM_NODE)
-        self.faults = Faults(self, stop=self._stop_unwatched_arm)
+        self.faults = Faults(self, stop=lambda: self._arm.stop())
         self._machine = parameters.declare_machine(self)
         plant = sim_parameters.declare_plant(self, self._machine)
         self._settings = sim_parameters.declare_parameters(self, self._machine, plant)
@@ -287,10 +287,6 @@ class SimNode(Node):
         self._publish_reports()
         response.success = True
         return response
-
-    def _stop_unwatched_arm(self) -> None:
-        """Stop the arm, because the timer callback that moves and supervises it keeps failing."""
-        self._arm.stop()
 
     def _end_fault(self) -> str:
         """End the injected faults, by setting the parameter `fault` to none.

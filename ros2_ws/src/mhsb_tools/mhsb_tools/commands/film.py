@@ -187,7 +187,10 @@ class _Film:
             self._draw_pressures(pressures)
             self._moving = [
                 *self._create_moving_artists(),
-                *(_cursor(each) for each in (modes, pressures)),
+                *(
+                    each.axvline(0.0, color=BLACK, linewidth=1.0, animated=True)
+                    for each in (modes, pressures)
+                ),
             ]
             self._canvas.draw()
             figure.set_layout_engine("none")
@@ -277,6 +280,7 @@ class _Film:
             The artists in the order in which they are drawn.
         """
         from matplotlib.collections import LineCollection
+        from matplotlib.patheffects import Normal, Stroke
 
         axes = self._stage
         look: dict[str, Any] = {"animated": True, "capstyle": "round"}
@@ -288,7 +292,9 @@ class _Film:
             [], [], color="#505050", linewidth=LINK_WIDTH, marker="o", markersize=6, animated=True
         )
         self._barrels = axes.add_collection(LineCollection([], linewidths=BARREL_WIDTH, **look))
-        self._barrels.set_path_effects(_outlined())
+        self._barrels.set_path_effects(
+            [Stroke(linewidth=BARREL_WIDTH + 2.0, foreground="#505050"), Normal()]  # dark outline
+        )
         [self._goal] = axes.plot(
             [], [], marker="o", markersize=9, markerfacecolor="none", markeredgecolor=BLACK,
             markeredgewidth=1.6, linestyle="none", animated=True,
@@ -344,15 +350,3 @@ def _flat(bar: Any) -> FloatArray:
         Rows start and end, columns x and z [m], shape (2, 2).
     """
     return np.array([bar.start[[0, 2]], bar.end[[0, 2]]])
-
-
-def _cursor(axes: Axes) -> Any:
-    """Return a vertical line that marks the current time on `axes`."""
-    return axes.axvline(0.0, color=BLACK, linewidth=1.0, animated=True)
-
-
-def _outlined() -> list[Any]:
-    """Return the path effects that give a barrel a dark outline."""
-    from matplotlib.patheffects import Normal, Stroke
-
-    return [Stroke(linewidth=BARREL_WIDTH + 2.0, foreground="#505050"), Normal()]

@@ -400,28 +400,6 @@ def format_path(machine: Machine, plan: Plan) -> list[str]:
     ]
 
 
-def format_fit(plan: Plan, seconds: dict[str, float]) -> list[str]:
-    """Describe how the motion of a plan was made from its path, and how long planning took.
-
-    Args:
-        plan: The plan.
-        seconds: Wall time of each part of planning [s], by name; printed in ms.
-
-    Returns:
-        Two lines. The first has the method, the factor by which the motion was stretched in time,
-        the excess over V_max (piston speed for planning) [%], and the largest distance of the tip
-        from the discrete path [mm]. The second has the times [ms].
-    """
-    motion = plan.motion
-    return [
-        f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times on average, "
-        f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
-        f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
-        "planned in "
-        + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
-    ]
-
-
 def format_explanation(
     planner: Planner, plan: Plan, seconds: dict[str, float], area: dict[str, float | None]
 ) -> list[str]:
@@ -434,14 +412,21 @@ def format_explanation(
         area: Result of `compute_polytope_areas`.
 
     Returns:
-        Lines: the discrete path of the search, how the motion was fitted to it, the velocity
-        polytope's area, and the log of proposed paths.
+        Lines: the discrete path of the search; how the motion was fitted to it; the times of
+        planning [ms]; the velocity polytope's area; and the log of proposed paths. The fit has the
+        method, the factor by which the motion was stretched in time, the excess over V_max (piston
+        speed for planning) [%], and the largest distance of the tip from the discrete path [mm].
     """
+    motion = plan.motion
     return [
         "",
         *format_path(planner.machine, plan),
         "",
-        *format_fit(plan, seconds),
+        f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times on average, "
+        f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
+        f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
+        "planned in "
+        + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
         format_area(area),
         "",
         str(plan.log),

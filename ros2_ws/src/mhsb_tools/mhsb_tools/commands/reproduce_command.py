@@ -253,7 +253,8 @@ def _summary(
         - met_by_heuristic_scale: number that the published search meets, by scale of its heuristic
           [1/m] as text
         - expectations: a list, each entry made by `expectation_entry`
-        - operating_points: by name
+        - operating_points: by name, with case, number of examined points `looked_at`, and the
+          fields of `OperatingPointResult`
     """
     published = runs.by_published_search()
 
@@ -281,7 +282,14 @@ def _summary(
         "met_exact": count_met(found.exact),
         "met_by_heuristic_scale": {f"{scale:g}": count for scale, count in found.by_scale.items()},
         "expectations": list(map(expectation_entry, found.published, found.exact)),
-        "operating_points": operating_points.as_summary(points),
+        "operating_points": {
+            name: {
+                "case": each.case,
+                "looked_at": len(each.point.curve),
+                **asdict(each.point.best),
+            }
+            for name, each in points.items()
+        },
     }
 
 

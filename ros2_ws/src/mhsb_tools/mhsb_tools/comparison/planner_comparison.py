@@ -244,7 +244,10 @@ class PlannerComparer:
         command = Command(plan.motion.trajectory, plan.motion.schedule)
         run = replay(Simulator(self._planner.machine, posture=start), [command], plan.duration)
         taken = self._compute_supply_energies(command.trajectory, command.schedule)
-        taken.leaking[SIMULATED_SYSTEM] = _simulated(run)
+        sources = sum_energy_by_source(run.energies).values()
+        taken.leaking[SIMULATED_SYSTEM] = SupplyEnergy(
+            *(sum(each[kind] for each in sources) for kind in ("hydraulic", "shaft"))
+        )
         return self._record(plan, run), taken
 
     def _record(self, plan: Plan, run: Replay) -> PlannerResult:
@@ -274,12 +277,6 @@ class PlannerComparer:
             tip_error_max_mm=float(error.max()),
             plan_ms=1e3 * plan.planning_time,
         )
-
-
-def _simulated(run: Replay) -> SupplyEnergy:
-    """Return the energy of all pumps in a simulation: to the oil, and at their shafts."""
-    sources = sum_energy_by_source(run.energies).values()
-    return SupplyEnergy(*(sum(each[kind] for each in sources) for kind in ("hydraulic", "shaft")))
 
 
 def raise_supply_pressure(machine: Machine) -> Machine:

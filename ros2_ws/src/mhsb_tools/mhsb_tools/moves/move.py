@@ -67,15 +67,6 @@ class MoveRecord:
         return self.machine.tip_positions(self.position)
 
     @property
-    def goals_in_plane(self) -> list[tuple[float, float]]:
-        """Goals (x, z) in the vertical plane of the arm [m].
-
-        If the arm slews, it is the plane turned towards each goal.
-        """
-        places = [self.machine.project_to_plane(goal).tolist() for goal in self.goals]
-        return [(x, z) for x, z in places]
-
-    @property
     def duration(self) -> float:
         """Time from the first instant to the last [s]."""
         return float(self.time[-1] - self.time[0])

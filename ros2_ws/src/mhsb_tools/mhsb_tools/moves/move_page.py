@@ -126,7 +126,8 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
         who = "all actuators" if mode is Mode.N else "an actuator"
         axes.plot([], [], color=PATH_COLOR[mode], linewidth=2.6, label=f"tip, {who} in {mode.name}")
     several = len(move.goals) > 1
-    for number, (place, who) in enumerate(_places(move.goals_in_plane), start=1):
+    goals = [tuple(move.machine.project_to_plane(goal).tolist()) for goal in move.goals]
+    for number, (place, who) in enumerate(_places(goals), start=1):
         axes.plot(
             *place, marker="o", markersize=9, markerfacecolor="white", markeredgecolor=BLACK,
             linestyle="none", label="goal" if number == 1 else None, zorder=4,

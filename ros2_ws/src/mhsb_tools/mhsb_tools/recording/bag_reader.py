@@ -39,20 +39,12 @@ def read_recording(folder: Path, namespace: str = "", slews: bool = False) -> Re
     bag = find_data_files(folder)
     if bag.problem:
         raise BagError(f"the recording {folder} is not complete: {bag.problem}; {bag.advice}")
-    messages = partial(_messages, bag, _map_topic_names(namespace))
-    return decode_recording(messages, f"the recording {folder}", namespace, slews)
-
-
-def _map_topic_names(namespace: str) -> dict[str, Topic]:
-    """Return the suite's topics by their absolute names in a recording.
-
-    Args:
-        namespace: Prefix of relative topic names, without a slash at its end.
-    """
-    return {
+    names = {
         topic.name if topic.name.startswith("/") else f"{namespace}/{topic.name}": topic
         for topic in SUITE_TOPICS
     }
+    messages = partial(_messages, bag, names)
+    return decode_recording(messages, f"the recording {folder}", namespace, slews)
 
 
 def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessage]:

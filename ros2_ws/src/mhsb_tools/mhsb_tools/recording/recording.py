@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from rclpy.serialization import deserialize_message
 
+from mhsb_model.arm_reports import HandOverReport, SimulatorReport
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
-from mhsb_model.types import FloatArray, IntArray, ModeArray, Position
+from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_msgs_py import (
     actuator_states,
     estimates,
@@ -36,7 +37,6 @@ from mhsb_msgs_py import (
     trajectory,
 )
 from mhsb_msgs_py.errors import GoalError, MessageError
-from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
 from mhsb_msgs_py.topics import Topic
 from mhsb_tools.recording.bag_format import BagError, check_structure
 
@@ -337,7 +337,8 @@ class _Decoder:
             _GrowingTable(),
         )
         self._values: dict[Topic, list[tuple[int, Any]]] = defaultdict(list)
-        to_base = _get_unknown_position if slews else None
+        # A goal in `work_plane` depends on where a slewing arm was; its verdict states the place.
+        to_base = (lambda _, height: (np.nan, np.nan, height)) if slews else None
         self._decoders: dict[Topic, Callable[[RecordedMessage], Any]] = {
             topics.MODES: lambda each: modes_in_force.decode(_deserialized(each), joint_count),
             topics.PLAN_IN_FORCE: lambda each: stamps.from_time(_deserialized(each)),
@@ -566,20 +567,6 @@ def _flatten_reports(timed: Sequence[TimedValue]) -> tuple[TimedValue, ...]:
         for each in timed
         for report in each.value
     )
-
-
-def _get_unknown_position(_: float, height: float) -> Position:
-    """Return an unknown position for a goal that was given in `work_plane` of a slewing arm.
-
-    Its position in `base_link` depends on where the arm was; the goal's verdict states it.
-
-    Args:
-        height: z of the goal [m].
-
-    Returns:
-        (nan, nan, height).
-    """
-    return (np.nan, np.nan, height)
 
 
 def _select_kind(kind: type, statuses: Sequence[TimedValue]) -> tuple[TimedValue, ...]:

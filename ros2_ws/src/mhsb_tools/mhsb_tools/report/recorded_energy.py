@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from mhsb_model.arm_reports import SimulatorReport
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_msgs_py.sim_status import SimulatorReport
 from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_tools.recording.recording import Recording
 from mhsb_tools.report.recorded_motion import cut_trajectory

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.feasibility.cavitation import summarize_cavitation
 from mhsb_model.goal import Goal
 from mhsb_model.modes import Mode
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_msgs_py.sim_status import APPLIED_OUTCOME
 from mhsb_planner.result_files import replace_non_finite
 from mhsb_tools.recording.recording import Recording
 from mhsb_tools.report.goal_fates import GoalResult, JudgedGoal, find_unrecorded_goals
@@ -112,6 +112,12 @@ def _everything(run: EvaluatedRecording) -> Summary:
     time_ns = recording.joint_states.time_ns
     fates = Counter(each.fate for each in run.judged_goals)
     judged = {each.goal.stamp_ns: each for each in run.judged_goals}
+    hand_overs = [each.value for each in recording.hand_overs]
+    all_plans = {each.plan_stamp_ns for each in hand_overs}
+    applied = {e.plan_stamp_ns for e in hand_overs if e.outcome == HandOverOutcome.APPLIED}
+    reports = [each.value for each in recording.simulator_reports]
+    verdicts = [goal.verdict for goal in run.goals]
+    planned_ms = [v.plan.plan_ms for v in verdicts if v.code is Verdict.OK and v.plan is not None]
     return {
         "machine": run.machine.name,
         "duration_s": PER_S * int(time_ns[-1] - time_ns[0]),
@@ -124,17 +130,19 @@ def _everything(run: EvaluatedRecording) -> Summary:
         "places_not_reached": _places_not_reached(run.goals),
         "switches_in_motion": sum(goal.in_motion for goal in run.goals),
         **_tip_errors(run.tip, run.goals),
-        **_plans(recording),
+        "plans_applied": len(applied),
+        "plans_refused": len(all_plans - applied),
         **compute_reference_jumps(recording),
         "mode_switches": run.modes.switch_count,
-        **_make_governor_entries(recording),
+        "guard_interventions": max((each.interventions for each in reports), default=0),
+        "plan_delay_max_s": _largest([each.plan_delay for each in reports]),
         "modes_used": [Mode(code).name for code in np.unique(run.modes.modes)],
         **_energies(run.energy),
         **_pressures(run),
         "cavitation": _cavitation(run),
         "speed_excess_measured": compute_speed_excess(run),
         "v_max_of_file_mm_s": [PER_MM * v for v in run.machine.arrays.max_piston_speed.tolist()],
-        "replan_ms": compute_quantiles(_replan_times(run.goals)),
+        "replan_ms": compute_quantiles(planned_ms),
         "lead_ms": compute_quantiles(each.lead_ms for each in run.judged_goals),
         "unreadable_messages": recording.unreadable_count,
         "goals": [_goal(goal, judged[goal.verdict.goal_stamp_ns]) for goal in run.goals],
@@ -189,24 +197,6 @@ def _tip_errors(tip: TipMotion, goals: Iterable[RecordedGoal]) -> Summary:
     }
 
 
-def _plans(recording: Recording) -> Summary:
-    """Count the plans that the simulator applied, and those that it refused or dropped.
-
-    Args:
-        recording: The recording. Only `hand_overs` is read.
-
-    Returns:
-        Entries `plans_applied` and `plans_refused` (refused or dropped). Each plan counts once. If
-        it has several reports and one of them says applied, it counts as applied.
-    """
-    values = [each.value for each in recording.hand_overs]
-    applied = {each.plan_stamp_ns for each in values if each.outcome == APPLIED_OUTCOME}
-    return {
-        "plans_applied": len(applied),
-        "plans_refused": len({each.plan_stamp_ns for each in values} - applied),
-    }
-
-
 def compute_reference_jumps(recording: Recording) -> Summary:
     """Return by how much the reference jumped at most when a new plan took over.
 
@@ -217,28 +207,12 @@ def compute_reference_jumps(recording: Recording) -> Summary:
         `reference_jump_max_rad` (position) and `reference_jump_max_rad_s` (velocity), as the
         simulator measured them; None if no plan took over.
     """
-    applied = [each.value for each in recording.hand_overs if each.value.outcome == APPLIED_OUTCOME]
+    applied = [
+        each.value for each in recording.hand_overs if each.value.outcome == HandOverOutcome.APPLIED
+    ]
     return {
         "reference_jump_max_rad": _largest([each.position_jump for each in applied]),
         "reference_jump_max_rad_s": _largest([each.velocity_jump for each in applied]),
-    }
-
-
-def _make_governor_entries(recording: Recording) -> Summary:
-    """Return the summary's entries on the reference governor, which slows plans near limits.
-
-    Args:
-        recording: The recording. Only `simulator_reports` is read.
-
-    Returns:
-        `guard_interventions`: number of times that the governor boosted or slowed beyond the plan,
-        as the simulator counted them; 0 without reports of the simulator. `plan_delay_max_s`:
-        largest delay with which a plan was followed [s]; None without reports.
-    """
-    values = [each.value for each in recording.simulator_reports]
-    return {
-        "guard_interventions": max((each.interventions for each in values), default=0),
-        "plan_delay_max_s": _largest([each.plan_delay for each in values]),
     }
 
 
@@ -363,15 +337,6 @@ def compute_speed_excess(run: EvaluatedRecording) -> float | None:
     length = np.array([run.machine.cylinder_lengths(q) for q in joints.position])
     speed = np.abs(length[last] - length[first]) / (time[last] - time[first])[:, None]
     return float((speed / run.machine.arrays.max_piston_speed).max() - 1.0)
-
-
-def _replan_times(goals: Iterable[RecordedGoal]) -> list[float]:
-    """Return the times from goal received to plan published of all goals with verdict OK [ms]."""
-    return [
-        goal.verdict.plan.plan_ms
-        for goal in goals
-        if goal.verdict.code is Verdict.OK and goal.verdict.plan is not None
-    ]
 
 
 def compute_quantiles(values: Iterable[float | None]) -> Summary:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from mhsb_model.figure_style import BLACK, BLUE, ORANGE, Axes, legend_above, open_figure
 from mhsb_model.trajectory import MotionState
@@ -81,18 +80,6 @@ def find_points(runs: Runs) -> dict[str, BestPoint]:
             point = find_best_operating_point(planner, case.goal, start, options, pressures, speeds)
             found[f"c5.{varied} best {kind}"] = BestPoint(case_name, varied, kind, point)
     return found
-
-
-def as_summary(points: Mapping[str, BestPoint]) -> dict[str, Any]:
-    """Return the best points for JSON.
-
-    Each has the name of its case, the number of examined points `looked_at`, and the fields of
-    `OperatingPointResult`.
-    """
-    return {
-        name: {"case": found.case, "looked_at": len(found.point.curve), **asdict(found.point.best)}
-        for name, found in points.items()
-    }
 
 
 def as_text(points: Mapping[str, BestPoint]) -> list[str]:

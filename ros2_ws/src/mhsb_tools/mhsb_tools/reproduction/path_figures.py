@@ -12,7 +12,7 @@ from mhsb_model.figure_style import BLACK, BLUE, GREY, PATH_COLOR, Axes, legend_
 from mhsb_model.modes import BOOSTED_MODES, find_strongest_modes, format_pattern
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_tools.moves.operating_regions import OperatingRegions, determine_operating_regions
+from mhsb_tools.moves.operating_regions import determine_operating_regions
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
 from mhsb_tools.reproduction.runs import Runs
@@ -61,7 +61,10 @@ def draw_paths(runs: Runs, fits: FittedRuns, names: Sequence[str], place: Path) 
     write_rows(
         place.with_name(f"{place.name}_regions.csv"),
         ("x_m", "z_m", *(f"{joint}_needs_boost" for joint in runs.machine.joint_names)),
-        _region_rows(regions),
+        (
+            (*node.round(9), *boosted.astype(int))
+            for node, boosted in zip(regions.nodes * regions.spacing, regions.boosted, strict=True)
+        ),
     )
 
 
@@ -127,16 +130,3 @@ def _path_rows(runs: Runs, fits: FittedRuns, name: str) -> Iterator[tuple[Any, .
         fit = fits.by_run[name]
         for time, tip, pattern in zip(fit.time, fit.profile.tip, fit.modes, strict=True):
             yield name, "fitted", time, *tip, format_pattern(pattern)
-
-
-def _region_rows(regions: OperatingRegions) -> Iterator[tuple[Any, ...]]:
-    """Yield the CSV rows of the regions: x [m], z [m], and 0 or 1 for each joint.
-
-    Args:
-        regions: The operating regions.
-
-    Yields:
-        One row for each node; 1 stands for a joint that needs boost.
-    """
-    for node, boosted in zip(regions.nodes * regions.spacing, regions.boosted, strict=True):
-        yield *node.round(9), *boosted.astype(int)

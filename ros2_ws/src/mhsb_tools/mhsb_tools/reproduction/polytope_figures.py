@@ -114,7 +114,9 @@ def draw_polytopes_along(runs: Runs, place: Path) -> None:
     }
     with open_figure(place.with_suffix(".png"), 7.4, PANEL_WIDTH * len(COMPARED_RUNS)) as figure:
         panels = figure.subplots(2, len(COMPARED_RUNS), gridspec_kw={"height_ratios": [3, 1]})
-        scale = SHOWN_RADIUS / max((_largest_speed(runs[name]) for name in paths), default=1.0)
+        polytopes = (each for name, path in paths.items() for each in _polytopes(runs[name], path))
+        speeds = (float(np.hypot(*corners.T).max()) for _, corners in polytopes)
+        scale = SHOWN_RADIUS / max(speeds, default=1.0)
         for name, axes in zip(COMPARED_RUNS, panels[0], strict=True):
             draw_workspace_axes(runs.machine, axes)
             axes.set_title(f"Case {name}")
@@ -125,7 +127,11 @@ def draw_polytopes_along(runs: Runs, place: Path) -> None:
     write_rows(
         place.with_suffix(".csv"),
         ("case", "step", "x_m", "z_m", "modes", "area_m2_s2"),
-        (row for name, path in paths.items() for row in _area_rows(name, path, areas[name])),
+        (
+            (name, k + 1, *path.tip[k + 1].round(9), format_pattern(path.modes[k]), areas[name][k])
+            for name, path in paths.items()
+            for k in range(path.steps)
+        ),
     )
 
 
@@ -145,12 +151,6 @@ def _polytopes(run: Run, path: DiscretePath) -> Iterator[tuple[FloatArray, Float
             path.tip[k + 1],
             compute_polytope_vertices(run.machine, path.posture[k + 1], path.modes[k]),
         )
-
-
-def _largest_speed(run: Run) -> float:
-    """Return the largest tip speed of all polytopes drawn for a run with a path [m/s]."""
-    assert run.path is not None
-    return max(float(np.hypot(*corners.T).max()) for _, corners in _polytopes(run, run.path))
 
 
 def _draw_along(run: Run, path: DiscretePath, scale: float, axes: Axes) -> None:
@@ -191,18 +191,3 @@ def _draw_areas(
                 width = 2.2 if name == shown else 0.9
                 axes.plot(share, areas[name], color=color, linewidth=width, label=f"Case {name}")
         axes.set(xlabel="share of steps [-]", ylabel="polytope's area [m²/s²]")
-
-
-def _area_rows(name: str, path: DiscretePath, area: FloatArray) -> Iterator[tuple[Any, ...]]:
-    """Yield the CSV rows of one run: name, step from 1, x [m], z [m], modes, area [m²/s²].
-
-    Args:
-        name: Name of the run.
-        path: Its path.
-        area: Area at the end of each step, shape (steps,) [m²/s²].
-
-    Yields:
-        One row for each step.
-    """
-    for k in range(path.steps):
-        yield name, k + 1, *path.tip[k + 1].round(9), format_pattern(path.modes[k]), area[k]

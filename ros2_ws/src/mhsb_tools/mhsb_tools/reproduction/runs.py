@@ -82,11 +82,6 @@ class Setting:
         """P_S for which the posture table is built [Pa]; None is the machine's own."""
         return None if self.keep_table else self.supply_pressure
 
-    @property
-    def graph_key(self) -> tuple[float | None, float | None, float | None]:
-        """Key of runs that share a step graph: table pressure [Pa], P_S [Pa] and V_max [m/s]."""
-        return self.table_pressure, self.supply_pressure, self.v_max
-
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -342,7 +337,8 @@ class _Evaluator:
         self._own: StepGraph | None = None
         groups: dict[tuple[float | None, ...], list[str]] = {}
         for name, setting in asked.items():
-            groups.setdefault(setting.graph_key, []).append(name)
+            key = setting.table_pressure, setting.supply_pressure, setting.v_max
+            groups.setdefault(key, []).append(name)
         self.groups = list(groups.values())
 
     def own_graph(self, jobs: int | None) -> StepGraph:

@@ -329,11 +329,6 @@ def run_study(
         yield from yield_results(pool.submit(study_scenario, machine, each) for each in scenarios)
 
 
-def as_dicts(results: Sequence[ScenarioResult]) -> list[dict[str, object]]:
-    """Return the records of all scenarios and controllers as plain dictionaries for JSON."""
-    return [asdict(record) for result in results for record in result.records]
-
-
 def _trace(machine: Machine, run: Replay) -> FloatArray:
     """Return some signals of a run, with 100 rows for each second.
 

@@ -45,7 +45,7 @@ from mhsb_tools.study.mismatch_benchmark import (
 )
 from mhsb_tools.study.mismatch_benchmark import as_markdown as benchmark_as_markdown
 from mhsb_tools.study.scenarios import Scenario, load_scenarios
-from mhsb_tools.study.servo_study import COMPARED_CONTROLLERS, as_dicts, as_text, compare, run_study
+from mhsb_tools.study.servo_study import COMPARED_CONTROLLERS, as_text, compare, run_study
 from mhsb_tools.study.study_figures import draw_faults, draw_study
 from mhsb_tools.study.variations import load_variations
 
@@ -254,7 +254,8 @@ def study_scenarios(
     order = {scenario.name: number for number, scenario in enumerate(wanted)}
     results = sorted(bar, key=lambda result: order[result.scenario.name])
     comparison = compare(results)
-    write_json(output / "summary.json", as_dicts(results))
+    records = [asdict(record) for result in results for record in result.records]
+    write_json(output / "summary.json", records)
     write_json(output / "comparison.json", comparison)
     draw_study(results, output)
     return as_text(results, comparison)

@@ -19,6 +19,7 @@ from std_msgs.msg import UInt8MultiArray
 from std_srvs.srv import Trigger
 from viser import ViserServer
 
+from mhsb_model.arm_reports import SimulatorReport
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray
@@ -33,7 +34,6 @@ from mhsb_msgs_py import (
     topics,
 )
 from mhsb_msgs_py.errors import MessageError
-from mhsb_msgs_py.sim_status import SimulatorReport
 from mhsb_msgs_py.topics import Topic
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_planner.posture.posture_table_cache import load_or_build_table

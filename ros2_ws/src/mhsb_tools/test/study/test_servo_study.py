@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,6 @@ from mhsb_tools.study.servo_study import (
     PRESSURE_ALLOWANCE,
     ScenarioResult,
     StudyRecord,
-    as_dicts,
     as_text,
     compare,
     compute_supply_overshoot,
@@ -136,7 +136,7 @@ def test_both_controllers_get_the_same_plans(result: ScenarioResult) -> None:
 
 
 def test_records_are_plain_json_with_the_agreed_keys(result: ScenarioResult) -> None:
-    records = json.loads(json.dumps(as_dicts([result])))
+    records = json.loads(json.dumps([asdict(record) for record in result.records]))
     assert [list(record) for record in records] == [KEYS, KEYS]
 
 
