@@ -42,7 +42,6 @@ from mhsb_planner.planners.path_planner import (
     PathPlanner,
     PathProposal,
     PathRequest,
-    SlewDemand,
     propose_in_both_ways,
 )
 from mhsb_planner.planners.path_sources import PlanePaths
@@ -483,7 +482,7 @@ class SlewingPaths:
         start, modes = task.start, task.modes
         tip, slew = self.machine.convert_to_plane(task.goal, float(task.departure[0]))
         assert slew is not None
-        slew_demand = SlewDemand(*compute_slew_demand(self.machine, start.position[0], slew))
+        slew_demand = compute_slew_demand(self.machine, start.position[0], slew)
         alone = MotionState(start.position[1:], start.velocity[1:], start.acceleration[1:])
         in_plane = replace(
             task,
