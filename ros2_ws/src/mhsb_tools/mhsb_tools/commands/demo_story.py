@@ -167,7 +167,7 @@ def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[s
     pumps = summary["energy_measured_j"]
     if pumps["mp"] is not None and pumps["sp"] is not None:
         lines.append(
-            f"energy of this run, simulated: {pumps['mp'] + pumps['sp']:.0f} J, "
+            f"energy given to the oil in this run, simulated: {pumps['mp'] + pumps['sp']:.0f} J, "
             f"{pumps['sp']:.0f} J of it by the servo pumps"
         )
     planned, pressure = tour["planned_j"], tour["constant_pressure_pa"]
@@ -183,7 +183,7 @@ def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[s
         "constant_pressure_j"
     ]
     lines += [
-        "energy of the same goals, each from rest to rest, as planned:",
+        "energy given to the oil for the same goals, each from rest to rest, as planned:",
         f"  {PLANNER_WORDS[DEFAULT_PLANNER]:52s}{own:7.0f} J",
         *(
             f"  {name:52s}{energy:7.0f} J, {energy / own:.2f} times as much"

@@ -63,7 +63,7 @@ def test_goals_are_named_by_what_became_of_them():
 
 def test_energies_are_compared_with_those_of_other_methods_on_the_same_goals():
     words = "\n".join(format_story(SUMMARY, TOUR, Path("out")))
-    assert "energy of this run, simulated: 1000 J, 100 J of it by the servo pumps" in words
+    assert "oil in this run, simulated: 1000 J, 100 J of it by the servo pumps" in words
     for name, factor in (("planner of the paper", 1.5), ("conventional planner", 1.25)):
         (line,) = (line for line in words.splitlines() if name in line)
         assert line.endswith(f"{factor:.2f} times as much")
