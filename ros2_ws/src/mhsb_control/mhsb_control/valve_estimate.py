@@ -608,7 +608,8 @@ def update_valve_filter(
     Args:
         valves: Estimates. Writes `estimate`, `covariance` and `work` in place.
         j: Index of the valve.
-        y: Stroke of the window [m]. If g is taken as known (p = 0), without the part that g causes.
+        y: Stroke of the window [m]. If p is 0, g is taken as known, and y is the stroke minus the
+            part that g causes.
         row: Coefficients p, s₊, s₋, f [m].
         noise: Standard deviation of the noise [m].
     """

@@ -356,9 +356,9 @@ class Machine:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def describe_difference(self, name: str, planning_hash: str) -> str:
-        """Say in a sentence that plans for this machine do not fit the arm, unless they fit.
+        """Describe why plans for this machine must not be sent to an arm with another machine.
 
-        Plans fit if both planning hashes are equal. Otherwise the sentence names both machines and
+        Plans fit the arm if both planning hashes are equal. Otherwise the sentence names both machines and
         the groups of values that may differ, but no single value.
 
         Args:

@@ -61,7 +61,7 @@ def build_table(
         output: File to write (npz); if left out, the file in the user's cache that the planner
             reads.
         table: Solver and grid of the table.
-        work: Who does the work.
+        work: Number of processes, or the Dask cluster, that computes.
         judge: Number of random entries to compare with the paper's solver from 30 random starts, at
             about 0.1 s each; 0 compares none. An entry is short if the area of its polytope is more
             than 0.1 % smaller than the solver's. The command then states an upper bound on the

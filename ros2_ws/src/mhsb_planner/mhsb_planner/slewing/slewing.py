@@ -388,10 +388,10 @@ class SlewingPaths:
         """Yield a path as one proposal, or a baseline's path as one or two proposals.
 
         A trajectory is fitted to a path (S3) by one of two methods: a polynomial, or following the
-        path with ramps. A path of a baseline (planner for comparison) is proposed twice: for the
-        method of the planner named in the request, and for the method of the baseline. Both
-        proposals have `for_comparison` set. The second proposal is left out if the options name a
-        method.
+        path with ramps. `planner` may be the planner that the request names, or a baseline (another
+        planner, for comparison). A path of a baseline is proposed twice: first with the method of
+        the request's planner, then with the baseline's own method. Both proposals have
+        `for_comparison` set. The second is left out if the options name a method.
 
         Args:
             planner: Planner that has made the path.

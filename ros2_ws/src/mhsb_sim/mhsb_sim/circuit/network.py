@@ -419,7 +419,8 @@ def connect_supply(circuit: Circuit, count: int) -> int:
     """Add the elements between manifold, rail and tank to the list of elements.
 
     These are the check valve of the rail and two relief valves. The valves of all registered kinds
-    (`valves.registry`) are added, too, wherever they are in the circuit. Port valves are moved.
+    (`valves.registry`) are added, too, wherever they are in the circuit. Port valves add no element
+    here; their spools are moved by one step (`move_port_valve`).
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) in place.

@@ -330,9 +330,9 @@ class SimNode(Node):
     # --- Reports ---------------------------------------------------------------------------------
 
     def _save_estimates(self) -> None:
-        """Keep what the servo has learnt, for later resets and in its file.
+        """Store the servo's estimates for later resets, and write them to the estimates file.
 
-        Nothing is kept while the arm has a fault, since the fault may have spoilt the estimates. If
+        Nothing is stored while the arm has a fault, since the fault may have spoilt the estimates. If
         the file cannot be written, a warning is logged.
         """
         if self._arm.fault:

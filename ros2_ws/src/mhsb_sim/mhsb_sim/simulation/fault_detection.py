@@ -197,8 +197,8 @@ class SupplyLoss(Symptom):
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the line with the largest lasting lack of pressure.
 
-        The lasting lack of a line is the smallest one in the last `min_duration_samples` samples; 0
-        if there are fewer samples yet.
+        The lasting lack of a line is the smallest lack of the last `min_duration_samples` samples.
+        It is 0 as long as there are fewer samples.
 
         Args:
             sample: State of the arm.

@@ -99,7 +99,7 @@ def reproduce(
     Args:
         output: Folder to write to.
         machine: Machine file (YAML) of three joints; the suite's own arm when left out.
-        work: Who does the work.
+        work: Number of processes, or the Dask cluster, that computes.
         json_: Print summary.json instead of text.
 
     Raises:

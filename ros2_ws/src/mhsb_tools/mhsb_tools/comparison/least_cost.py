@@ -424,8 +424,8 @@ class _Pricing:
     def holding_switch_cost(self, force: FloatArray) -> FloatArray:
         """Compute the cost of switching to the mode combination that holds a load at rest.
 
-        Actuators whose load the main pump's pressure does not hold switch to mode DB (boosted by
-        their own servo pump), the others to mode N (fed by the main pump).
+        An actuator switches to mode DB (boosted by its own servo pump) if the main pump's pressure
+        is too low to hold its load. Otherwise it switches to mode N (fed by the main pump).
 
         Args:
             force: Piston forces at rest [N], shape (k, n).

@@ -626,8 +626,8 @@ def collect_path_values(runs: Runs, name: str) -> dict[str, float]:
     Returns:
         Values by name, with units at the ends of the names; empty if the run has no path:
 
-        - energy_discrete_j, energy_series_discrete_j: energy in the readings `paper` and `series`,
-            two ways to price boosted oil
+        - energy_discrete_j, energy_series_discrete_j: energy by two prices of
+            boosted oil, the readings `paper` and `series`
         - duration_discrete_s, length_m: duration, and length of the tip's path
         - lower_bound_j: lower bound on the energy
         - length_over_shortest: length divided by that of the shortest path on the grid

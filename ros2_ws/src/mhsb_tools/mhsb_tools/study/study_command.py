@@ -116,7 +116,7 @@ def study(
         machine: Machine file (YAML); the suite's own arm when left out.
         kind: Scenarios, faults or benchmark.
         draws: Number and kind of draws.
-        work: Who does the work.
+        work: Number of processes, or the Dask cluster, that computes.
         json_: Print DIR/summary.json instead of text; without --draws, --faults and --benchmark
             DIR/comparison.json.
 

@@ -75,7 +75,7 @@ def tune_servo(
         machine: Machine file (YAML) to tune and to change; the suite's own arm when left out.
         budget: Trials of each controller, each of them on all scenarios and draws.
         training: Scenarios and draws by which gains are judged.
-        work: Who does the work.
+        work: Number of processes, or the Dask cluster, that computes.
         dry_run: Leave the machine file as it is.
         json_: Print one JSON object instead of text: cost and gains of each controller.
 
