@@ -14,6 +14,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.motion.energy import Energy
+from mhsb_planner.motion.fitted_motion import FittedMotion
 from mhsb_planner.motion.motion_table import (
     MODE_MEANINGS,
     format_mode_intervals,
@@ -21,7 +22,6 @@ from mhsb_planner.motion.motion_table import (
     iterate_rows,
     list_columns,
 )
-from mhsb_planner.motion.s3_trajectory import FittedMotion
 from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.result_files import write_rows

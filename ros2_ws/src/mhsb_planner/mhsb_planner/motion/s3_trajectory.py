@@ -26,8 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,21 +38,20 @@ from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
-from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MAX_DURATION_NS, SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
 from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion import s3_limits
-from mhsb_planner.motion.energy import Energy, compute_energy_of_profiles, compute_motion_energy
+from mhsb_planner.motion.energy import compute_motion_energy
+from mhsb_planner.motion.fitted_motion import FittedMotion, compute_stretch
 from mhsb_planner.motion.limits.joint_range import (
     JOINT_TOLERANCE,
     compute_outward_excess,
 )
 from mhsb_planner.motion.limits.limit import TimeScaling, Violation
-from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, compute_middle_profile
-from mhsb_planner.motion.overloads import Overload, find_overloads
+from mhsb_planner.motion.motion_profile import compute_middle_profile
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_candidates import (
@@ -71,7 +69,6 @@ from mhsb_planner.motion.s3_limits import (
     find_first_violation,
     find_violation_between,
 )
-from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
 from mhsb_planner.motion.s3_slowing import (
     USAGE_RESERVE,
     compute_needed_factors,
@@ -89,7 +86,6 @@ __all__ = [
     "FitError",
     "FitMethod",
     "FitRules",
-    "FittedMotion",
     "TrajectoryKind",
     "fit_braking",
     "fit_remainder",
@@ -135,101 +131,6 @@ class FitError(MhsbError):
         """
         self.refused = refused
         super().__init__(f"no motion along the path keeps every limit; {refused[-1]}")
-
-
-@dataclass(frozen=True, eq=False)
-class FittedMotion:
-    """A trajectory and its mode schedule, both with stamp 0, and the record of the fit.
-
-    Energy, overloads and deviations are computed when they are first read.
-
-    Attributes:
-        machine: Machine that moves.
-        scheduled: Trajectory with its modes and its profile (piston speeds and forces).
-        method: Kind of curve after the braking.
-        braked: True if the motion begins with braking.
-        followed: Discrete path and the curve that follows it; None if the motion has no path.
-        scale: Factor on the durations of all steps of the path, or of each step, shape (k,) [-].
-        refused: Reasons why earlier curves were refused, one sentence each.
-        middles: Profile at the middles between the trajectory's points; None if it was not
-            computed.
-    """
-
-    machine: Machine
-    scheduled: ScheduledMotion
-    method: FitMethod
-    braked: bool
-    followed: tuple[DiscretePath, Curve] | None = None
-    scale: FloatArray | float = 1.0
-    refused: tuple[str, ...] = ()
-    middles: MotionProfile | None = None
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """Joint trajectory."""
-        return self.scheduled.trajectory
-
-    @property
-    def schedule(self) -> ModeSchedule:
-        """Modes over time."""
-        return self.scheduled.schedule
-
-    @cached_property
-    def stretch(self) -> float:
-        """Factor on the path's whole duration [-]; above 1 if the path had to be slowed.
-
-        Inserted rests are part of the path. Without a path it is 1.
-        """
-        return 1.0 if self.followed is None else _compute_stretch(self.followed[0], self.scale)
-
-    @cached_property
-    def energy(self) -> Energy:
-        """Energy of the motion, leakage included [J]."""
-        if self.middles is None:
-            return compute_motion_energy(self.machine, self.trajectory, self.schedule)
-        profiles = Profiles(self.scheduled.profile, self.middles, self.scheduled.intervals)
-        return compute_energy_of_profiles(self.machine, self.trajectory.offset_ns, profiles)
-
-    @cached_property
-    def speed_excess(self) -> float:
-        """Greatest |v|/V_max − 1 of a piston [-]; negative if V_max is kept."""
-        speed = self.scheduled.profile.speed
-        fastest = np.maximum(speed.max(axis=0), -speed.min(axis=0))
-        return float((fastest / self.machine.arrays.max_piston_speed).max()) - 1.0
-
-    @cached_property
-    def overloads(self) -> tuple[Overload, ...]:
-        """Rests under loads that the highest boost pressure cannot hold."""
-        time = self.trajectory.offset_ns / SECOND_NS
-        return find_overloads(self.machine, time, self.scheduled.profile)
-
-    @cached_property
-    def _nodes_passed(self) -> FloatArray:
-        """Joint positions of the motion at the planned time of each path node, shape (nodes, n)."""
-        assert self.followed is not None
-        curve = self.followed[1]
-        return curve.sample(curve.node_time)[0]
-
-    @property
-    def tip_deviation(self) -> float:
-        """Greatest distance of the tip from a path node at the node's planned time [m].
-
-        It is 0 if the motion has no path.
-        """
-        if self.followed is None:
-            return 0.0
-        tips = self.machine.tip_in_base(self._nodes_passed)
-        return float(np.linalg.norm(tips - self.followed[0].tip, axis=1).max())
-
-    @property
-    def joint_deviation(self) -> float:
-        """Greatest distance of a joint from a node's posture at the node's time [rad or m].
-
-        It is 0 if the motion has no path.
-        """
-        if self.followed is None:
-            return 0.0
-        return float(np.max(np.abs(self._nodes_passed - self.followed[0].posture)))
 
 
 def fit_trajectory(
@@ -611,7 +512,7 @@ def _fit_candidate(
         since, slows_pieces = time[first:] - time[first], candidate.slows_pieces
         factor = spread_over_steps(needed[first:], since, curve.node_time, slows_pieces)
         scale = scale * (np.maximum(factor, USAGE_RESERVE) if stuck else factor)
-        stretch = _compute_stretch(path, scale)
+        stretch = compute_stretch(path, scale)
         if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
@@ -671,20 +572,6 @@ def _schedule_curve(
         if missed := describe_first_missed(tip, rules.via_points):
             return missed
     return scheduled, slowing
-
-
-def _compute_stretch(path: DiscretePath, scale: FloatArray | float) -> float:
-    """Compute the factor on a path's whole duration from the factors on its steps.
-
-    Args:
-        path: Discrete path. Only `duration` is read.
-        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
-
-    Returns:
-        Mean of the factors, weighted by the durations [-].
-    """
-    weight = np.maximum(path.duration, MIN_STEP_DURATION)
-    return float((scale * weight).sum() / weight.sum())
 
 
 def _describe_refused_curve(curve: Curve) -> str:

@@ -19,12 +19,12 @@ from mhsb_model.trajectory import Trajectory, standstill
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.motion.cavitation import find_cavitations
+from mhsb_planner.motion.fitted_motion import FittedMotion
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitMethod,
     FitRules,
-    FittedMotion,
     fit_braking,
     fit_remainder,
     fit_trajectory,

@@ -8,13 +8,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mhsb_planner.motion.fitted_motion import FittedMotion
 from mhsb_planner.motion.s3_candidates import FOLLOWED_SPEED_EXCESS
-from mhsb_planner.motion.s3_trajectory import (
-    FitMethod,
-    FitRules,
-    FittedMotion,
-    TrajectoryKind,
-)
+from mhsb_planner.motion.s3_trajectory import FitMethod, FitRules, TrajectoryKind
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.planners.registry import get_planner
 from mhsb_planner.search.discrete_path import DiscretePath

@@ -13,8 +13,9 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.energy import Energy, compute_motion_energy
+from mhsb_planner.motion.fitted_motion import FittedMotion
 from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
-from mhsb_planner.motion.s3_trajectory import FitRules, FittedMotion, fit_trajectory
+from mhsb_planner.motion.s3_trajectory import FitRules, fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import fit_rules
 from mhsb_planner.search.discrete_path import DiscretePath
