@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -368,60 +369,13 @@ def _solve_programme(
     Returns:
         The motion; None if the programme is infeasible.
     """
-    m, h = grid.machine.arrays, share * grid.step
-    points, n = length.shape
+    m, (points, n) = grid.machine.arrays, length.shape
     q = grid.posture(length)
     lower, upper = grid.speed_limits(q, LIGHTER)
     room, inertia = grid.inertia_force_limits(q, speed, LIGHTER), grid.inertia(q)
-    size = points * n
-
-    def column(block: int, k: int, j: int) -> int:
-        """Return the column of a variable; takes `size` and `n` from the enclosing function.
-
-        Args:
-            block: 0 length, 1 speed out, 2 speed in (both ≥ 0), 3 acceleration, 4 jerk.
-            k: Index of the point.
-            j: Index of the cylinder.
-        """
-        return block * size + k * n + j
-
-    slack = 5 * size
+    column, slack = partial(_column, length.shape), 5 * points * n
     equal, below = _SparseRows(), _SparseRows()
-    low, high = np.full(slack + 1, -np.inf), np.full(slack + 1, np.inf)
-    low[slack] = 0.0
-    ends = np.sort(cylinder_lengths(m.linkage, np.array([m.joint_min, m.joint_max])), axis=0)
-    low[:size] = np.maximum(length - trust, np.minimum(ends[0], length)).ravel()
-    high[:size] = np.minimum(length + trust, np.maximum(ends[1], length)).ravel()
-    low[size : 3 * size] = 0.0
-    high[size : 3 * size] = np.tile(m.max_piston_speed, 2 * points)
-    high[3 * size : 4 * size] = m.max_piston_acceleration
-    low[3 * size : 4 * size] = -m.max_piston_acceleration
-    high[4 * size : slack], low[4 * size : slack] = m.max_piston_jerk, -m.max_piston_jerk
-    for k in (0, points - 1):
-        for j in range(n):
-            for block in (1, 2, 3):
-                low[column(block, k, j)] = high[column(block, k, j)] = 0.0
-    low[:n] = high[:n] = length[0]
-    for k, step in enumerate(h):
-        for j in range(n):
-            here = (
-                column(0, k, j),
-                column(1, k, j),
-                column(2, k, j),
-                column(3, k, j),
-                column(4, k, j),
-            )
-            there = (
-                column(0, k + 1, j),
-                column(1, k + 1, j),
-                column(2, k + 1, j),
-                column(3, k + 1, j),
-            )
-            way = (1.0, step, -step, step**2 / 2, step**3 / 6)
-            equal.add([(there[0], -1.0), *zip(here, way, strict=True)], 0.0)
-            rate = ((here[1], 1.0), (here[2], -1.0), (here[3], step), (here[4], step**2 / 2))
-            equal.add([(there[1], -1.0), (there[2], 1.0), *rate], 0.0)
-            equal.add([(there[3], -1.0), (here[3], 1.0), (here[4], step)], 0.0)
+    _join_intervals(equal, length.shape, share * grid.step)
     flow = m.main_pump_flow - n * m.leakage_flow
     for k in range(points):
         litres = [(column(1, k, j), float(m.cap_area[j]) / flow) for j in range(n)]
@@ -450,13 +404,77 @@ def _solve_programme(
         b_ub=below.bound,
         A_eq=equal.matrix(slack + 1),
         b_eq=equal.bound,
-        bounds=np.column_stack([low, high]),
+        bounds=_limit_variables(grid, length, trust),
         method="highs",
     )
     if answer.x is None:
         return None
     values = answer.x[:slack].reshape(5, points, n)
     return _Motion(values[0], values[1] - values[2], values[3])
+
+
+def _column(shape: tuple[int, ...], block: int, k: int, j: int) -> int:
+    """Return the column of a variable of a programme.
+
+    Args:
+        shape: Number of points, and number of cylinders n.
+        block: 0 length, 1 speed out, 2 speed in (both ≥ 0), 3 acceleration, 4 jerk.
+        k: Index of the point.
+        j: Index of the cylinder.
+    """
+    points, n = shape
+    return (block * points + k) * n + j
+
+
+def _limit_variables(grid: _Grid, length: FloatArray, trust: float) -> FloatArray:
+    """Compute the bounds of all variables: ranges, V_max, acceleration, jerk, and rest at the ends.
+
+    Args:
+        grid: Discretisation of the plan.
+        length: Cylinder lengths around which is linearised, shape (k + 1, n) [m].
+        trust: Largest change of a cylinder length [m].
+
+    Returns:
+        Least and greatest value of each variable, in the order of the columns, shape (variables,
+        2). The last variable is the excess over the speed limits that loads set, at least 0.
+    """
+    m, (points, n), size = grid.machine.arrays, length.shape, length.size
+    slack = 5 * size
+    low, high = np.full(slack + 1, -np.inf), np.full(slack + 1, np.inf)
+    low[slack] = 0.0
+    ends = np.sort(cylinder_lengths(m.linkage, np.array([m.joint_min, m.joint_max])), axis=0)
+    low[:size] = np.maximum(length - trust, np.minimum(ends[0], length)).ravel()
+    high[:size] = np.minimum(length + trust, np.maximum(ends[1], length)).ravel()
+    low[size : 3 * size] = 0.0
+    high[size : 3 * size] = np.tile(m.max_piston_speed, 2 * points)
+    high[3 * size : 4 * size] = m.max_piston_acceleration
+    low[3 * size : 4 * size] = -m.max_piston_acceleration
+    high[4 * size : slack], low[4 * size : slack] = m.max_piston_jerk, -m.max_piston_jerk
+    for block in (1, 2, 3):
+        for k in (0, points - 1):
+            at = _column(length.shape, block, k, 0)
+            low[at : at + n] = high[at : at + n] = 0.0
+    low[:n] = high[:n] = length[0]
+    return np.column_stack([low, high])
+
+
+def _join_intervals(equal: _SparseRows, shape: tuple[int, ...], steps: FloatArray) -> None:
+    """Append rows by which each interval of constant jerk leads to the next point.
+
+    Args:
+        equal: Rows of equations; extended in place.
+        shape: Number of points, and number of cylinders n.
+        steps: Length of each interval, shape (points - 1,) [s].
+    """
+    for k, step in enumerate(steps):
+        for j in range(shape[1]):
+            here = [_column(shape, block, k, j) for block in range(5)]
+            there = [_column(shape, block, k + 1, j) for block in range(4)]
+            way = (1.0, step, -step, step**2 / 2, step**3 / 6)
+            equal.add([(there[0], -1.0), *zip(here, way, strict=True)], 0.0)
+            rate = ((here[1], 1.0), (here[2], -1.0), (here[3], step), (here[4], step**2 / 2))
+            equal.add([(there[1], -1.0), (there[2], 1.0), *rate], 0.0)
+            equal.add([(there[3], -1.0), (here[3], 1.0), (here[4], step)], 0.0)
 
 
 def _tip_rates(machine: Machine, q: FloatArray) -> FloatArray:
