@@ -651,8 +651,9 @@ def may_leave_early(
 
     - Another boosted line on the rail needs a pressure that is higher by more than `joined_drop`.
     - The line's mode will not be SB (shared boost) at the preview point, a fixed time ahead.
-    - One pump can supply the line's flow, less the leakage that the lower pressure will save. While
-      the line is still joined, `early_leave_flow_share` of the pump's flow must suffice.
+    - One pump can supply the line's flow, less the leakage that the lower pressure will save. The
+      pump counts with its full flow, but while the line is joined to the rail only with the share
+      `early_leave_flow_share` of it.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.

@@ -376,10 +376,10 @@ class LagCompensatedAxis:
         """Raise the dead band of a direction if the piston stands in spite of a command.
 
         The piston stands if its mean speed over a window is below `min_speed_ratio`. The window is
-        short until the command for one speed, a knot of the valve curve, is known. After that, it covers at least one period of the
-        joint's oscillation on its oil. All commands in the window and in the settling time before
-        it must have one direction. The smallest of these commands is a lower bound of the dead
-        band.
+        short until the command for one speed, a knot of the valve curve, is known. After that, it
+        covers at least one period of the joint's oscillation on its oil. All commands in the window
+        and in the settling time before it must have one direction. The smallest of these commands
+        is a lower bound of the dead band.
 
         Args:
             acted: Commands that are older than the delay, float64[k], in time order.

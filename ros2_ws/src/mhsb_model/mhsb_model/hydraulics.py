@@ -546,7 +546,7 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
         v = 2 G ((A − a) (p + p_T)/2 − F) / (A² + a²),   G = s q_leak/(P_S − p_T)
 
     This follows from the force balance A p_A − a p_B = F and from the flows past the four lands of
-    the spool. Each land passes G Δp, with G at the valve's mean overlap:
+    the spool. Each land passes the flow G Δp; the valve's two overlaps are replaced by their mean:
 
         A v = G (p − p_A) − G (p_A − p_T)
         −a v = G (p − p_B) − G (p_B − p_T)

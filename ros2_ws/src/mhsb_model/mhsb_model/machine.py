@@ -358,8 +358,8 @@ class Machine:
     def describe_difference(self, name: str, planning_hash: str) -> str:
         """Describe why plans for this machine must not be sent to an arm with another machine.
 
-        Plans fit the arm if both planning hashes are equal. Otherwise the sentence names both machines and
-        the groups of values that may differ, but no single value.
+        Plans fit the arm if both planning hashes are equal. Otherwise the sentence names both
+        machines and the groups of values that may differ, but no single value.
 
         Args:
             name: Name of the arm's machine; the sentence shows at most 64 characters of it.

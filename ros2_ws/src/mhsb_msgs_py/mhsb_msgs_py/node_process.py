@@ -156,8 +156,8 @@ def serve_node(
 
     The caller spins the executor. At the end of the block, the node is destroyed within
     `LONGEST_DESTRUCTION`, and the executor is shut down. A warning is logged for each parameter of
-    the command line that the node does not have. The executor is made before the node, since rclpy
-    cannot make an executor after a shutdown.
+    the command line that the node does not have. The executor is made first, since
+    ROS may be shut down while the node is made, and rclpy cannot make an executor after that.
 
     Args:
         make_node: Function that makes the node.

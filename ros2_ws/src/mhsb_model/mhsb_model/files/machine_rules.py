@@ -168,8 +168,8 @@ def _check_kept_joints(config: MachineConfig) -> list[str]:
     """Check that `motion.kept_joints` leaves two joints to reach a tip position.
 
     The list has the joints that the `fixed` planner does not move, counted from 1. All must be
-    different joints of the arm's plane. A slew (joint 1) does not belong to the plane. All joints
-    of the plane except two must be in the list. An empty list is allowed.
+    different joints of the arm's plane. A slew (joint 1) does not belong to the plane. The list
+    is either empty, or it has all joints of the plane except two.
 
     Args:
         config: Content of a machine file.

@@ -496,10 +496,10 @@ def expand(
     """Take up to `limit` steps and states of an A* search over a lattice; call again to continue.
 
     A state is a lattice point and the mode combination of arrival. The first call expands the
-    start. To expand a state means to find the steps to all neighbours of its point. Each of
-    these steps is priced later, when no state or other step has a lower estimate of the whole
-    path's cost. Steps to the goal postures around the point are priced at once. Their costs include the switches to the modes that
-    hold the arm there.
+    start. To expand a state means to find the steps to all neighbours of its point. Each of these
+    steps is priced later, when no state or other step has a lower estimate of the whole path's
+    cost. Steps to the goal postures around the point are priced at once. Their costs include the
+    switches to the modes that hold the arm there.
 
     The unit tests compare the result with scipy.sparse.csgraph.dijkstra on the same points and
     steps.

@@ -33,7 +33,7 @@ class FittedMotion:
         braked: True if the motion begins with braking.
         followed: Discrete path and the curve that follows it; None if the motion has no path.
         scale: Factor on the durations of all steps of the path, or of each step, shape (k,) [-].
-        refused: Reasons why curves tried before were refused, one sentence each.
+        refused: Reasons why earlier curves were refused, one sentence each.
         middles: Profile at the middles between the trajectory's points; None if it was not
             computed.
     """
@@ -82,7 +82,7 @@ class FittedMotion:
 
     @cached_property
     def overloads(self) -> tuple[Overload, ...]:
-        """Rests under loads beyond the highest boost pressure."""
+        """Rests under loads that the highest boost pressure cannot hold."""
         time = self.trajectory.offset_ns / SECOND_NS
         return find_overloads(self.machine, time, self.scheduled.profile)
 

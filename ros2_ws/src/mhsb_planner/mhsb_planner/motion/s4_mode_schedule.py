@@ -666,9 +666,9 @@ def _enforce_shared_boost_dwell(
     A boosted actuator is in mode SB (shared rail) or DB (own servo pump). A run is a sequence of
     boosted intervals, with parts in SB and parts in DB. A run shorter than `rules.min_dwell`
     becomes DB as a whole, unless SB is in force just before or after it. In all other runs, SB
-    parts begin earlier by `rules.lead`. SB parts shorter than `rules.min_dwell` are lengthened,
-    first at the end. Then DB parts shorter than `rules.min_dwell` become SB. The intervals before
-    `free` stay as they are.
+    parts begin earlier by `rules.lead`. SB parts shorter than `rules.min_dwell` are lengthened at
+    their end, and if this is not enough, at their beginning. Then DB parts shorter than
+    `rules.min_dwell` become SB. The intervals before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].

@@ -196,9 +196,9 @@ class Execution:
 
         Returns:
             None while the arrival is undecided. `REACHED` as soon as the tip has stayed long
-            enough. The check ends when `compute_settling_time` has passed since the plan's end. The
-            largest distance during the last period of the required length then decides between
-            `REACHED` and `ABORTED`.
+            enough. The check ends when `compute_settling_time` has passed since the plan's end.
+            Then the largest distance in the required time up to now decides between `REACHED` and
+            `ABORTED`.
         """
         dead_ns = round(compute_dead_time(machine) * SECOND_NS)
         if since_ns < dead_ns:

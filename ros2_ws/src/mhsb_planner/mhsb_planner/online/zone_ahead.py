@@ -198,8 +198,8 @@ def make_braking_for_obstacle(
         commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
             `in_force` during this time.
         since_ns: Time at which the obstacle was set, in the time of plans [ns]. `passed_clearance`
-            of the result is measured from this time to the stamp. If it is negative and the arm is
-            clear at the stamp, the arm has passed the obstacle.
+            of the result is measured from this time to the stamp. If this clearance is negative
+            and the arm is clear at the stamp, the arm has passed the obstacle.
 
     Returns:
         The command with its clearances.

@@ -343,7 +343,8 @@ def _compute_steps_to_nodes(
         nodes: Indices of the nodes to reach.
 
     Returns:
-        One step for each node and admissible combination, in the order of `nodes`. The field
+        One step for each node and each combination of modes with which the step is admissible, in
+        the order of `nodes`. The field
         `state` is the state that the step reaches (node · patterns + pattern). The fields `origin`
         and `end` are NO_STATE.
     """

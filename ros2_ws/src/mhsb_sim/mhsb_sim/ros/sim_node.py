@@ -332,8 +332,8 @@ class SimNode(Node):
     def _save_estimates(self) -> None:
         """Store the servo's estimates for later resets, and write them to the estimates file.
 
-        Nothing is stored while the arm has a fault, since the fault may have spoilt the estimates. If
-        the file cannot be written, a warning is logged.
+        Nothing is stored while the arm has a fault, since the fault may have spoilt the estimates.
+        If the file cannot be written, a warning is logged.
         """
         if self._arm.fault:
             return

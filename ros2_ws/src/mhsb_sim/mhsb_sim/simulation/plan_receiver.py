@@ -161,8 +161,8 @@ class PlanReceiver:
     def open(self) -> None:
         """Take plans again after `close`.
 
-        Only plans with a stamp later than the present time of plans are taken. This is simulated
-        time minus the delay that speed scaling has caused. Other plans are refused, with the reason
+        Plans are stamped with simulated time minus the delay that speed scaling has caused. Only
+        plans with stamps later than the present are taken. Other plans are refused, with the reason
         RESET in their reports.
         """
         self._fault = ""

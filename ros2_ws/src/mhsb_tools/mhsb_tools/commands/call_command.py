@@ -31,7 +31,7 @@ def call(
 ) -> None:
     """Call a service without arguments and print its answer; exit code 1 if it refuses.
 
-    `mhsb_planner/stop` stops the arm along its plan, `mhsb_sim/stop` whatever moves it.
+    `mhsb_planner/stop` stops the arm along its plan. `mhsb_sim/stop` stops any motion of the arm.
     `mhsb_sim/clear_faults` resets faults, `mhsb_sim/reset` puts the arm back to its start.
 
     Args:

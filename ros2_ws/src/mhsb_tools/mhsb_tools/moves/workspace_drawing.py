@@ -198,7 +198,9 @@ def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
 
 
 def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, Any], ...]) -> None:
-    """Draw circles and boxes in the arm's plane; shape and label are drawn once each.
+    """Draw circles and boxes in the arm's plane.
+
+    A shape that several rows describe is drawn once. Each of the two kinds gets one label.
 
     Rows that stand for a link of the arm itself are skipped.
 

@@ -450,9 +450,9 @@ class McapWalk:
             found: Record of the first message index. Only its offset `at` is read.
 
         Yields:
-            One piece of damage. The messages that the indexes list count as lost. If a chunk with
-            the right checksum begins among the indexes, the damage ends there, and the number of
-            lost messages is None, which means unknown.
+            One piece of damage. All messages in the lists of the indexes are counted as lost. If a
+            chunk with the right checksum begins among the indexes, the damage ends there, and the
+            number of lost messages is None, which means unknown.
 
         Returns:
             Offset after the damage.

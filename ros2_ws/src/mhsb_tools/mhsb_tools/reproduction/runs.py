@@ -358,7 +358,7 @@ class _Evaluator:
         return self._own
 
     def evaluate_groups(self, begin: int, end: int) -> dict[str, Run]:
-        """Search the paths of all settings in some of the `groups`.
+        """Run the path search with all settings of some of the `groups`.
 
         Args:
             begin: Index of the first group.
