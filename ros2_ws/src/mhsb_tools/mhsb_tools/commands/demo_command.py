@@ -35,7 +35,7 @@ from mhsb_planner.result_files import write_json
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.simulation.plant_files import check_plant, load_plant
 from mhsb_tools.commands.demo_story import format_story
-from mhsb_tools.comparison.goal_tour import compare_on_tour
+from mhsb_tools.comparison.supply_comparison import compare_on_tour
 from mhsb_tools.live.child_process import ChildEndedError, ChildProcess
 from mhsb_tools.live.nodes import (
     ANSWER_TIMEOUT,

@@ -13,10 +13,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.hydraulics import compute_valve_leakage, get_shared_hydraulics
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import Trajectory
+from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_model.types import Position
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planner import DEFAULT_PLANNER, PLANNER_KINDS, Planner, PlanOptions
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_tools.moves.supply_systems import (
     SupplyEnergy,
     add_main_pump_shaft,
@@ -24,6 +32,7 @@ from mhsb_tools.moves.supply_systems import (
     compute_loads,
     compute_mhsb_energy,
     compute_needed_supply,
+    remove_leakage,
 )
 
 PLANNED_SYSTEM = "MHSB"
@@ -279,3 +288,85 @@ def format_energy_by_move(
             cells.append(f"{pair[0]:.0f} / {pair[1]:.0f}")
         lines.append(f"{system:38s}" + "".join(f"{cell:>16s}" for cell in cells))
     return lines
+
+
+def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, Any]:
+    """Plan motions through a sequence of goals with every planner, and compare their energies.
+
+    Each motion is planned from rest to rest and begins where the previous motion ended. The energy
+    is the one that all pumps give to the oil, leakage of the valves included.
+
+    Args:
+        machine: The arm; the tour begins at the start posture of the machine file.
+        goals: Goals in `base_link` in their order, (x, z) or (x, y, z) [m].
+
+    Returns:
+        A dictionary. Keys:
+
+        - planned_j: sum of the energies of all motions [J], by planner
+        - constant_pressure_pa: lowest constant pressure at which the default planner's motions need
+            no boost [Pa]
+        - constant_pressure_j: energy of these motions with a main pump at that pressure and without
+            boosters [J]
+        - failures: reason as a sentence, by planner, if the planner did not reach a goal; it is
+            then not in `planned_j`
+
+        Both values of the constant pressure are None if the default planner has failed.
+    """
+    planner, goals = Planner(machine, load_or_build_table(machine)), list(goals)
+    found: dict[str, dict[str, Any]] = {}
+    failures: dict[str, str] = {}
+    for kind in PLANNER_KINDS:
+        try:
+            tour = _plan_tour(planner, goals, PlanOptions(planner=kind))
+        except MhsbError as error:
+            failures[kind] = str(error)
+            continue
+        found[kind] = sum_supply_energies(machine, [{kind: motion} for motion in tour])
+    energies = {
+        kind: {
+            name: entry["leaking"]["hydraulic_j"]
+            for name, entry in total.get("systems", {}).items()
+            if "leaking" in entry
+        }
+        for kind, total in found.items()
+    }
+    own = energies.get(DEFAULT_PLANNER, {})
+    return {
+        "planned_j": {kind: each.get(PLANNED_SYSTEM, 0.0) for kind, each in energies.items()},
+        "constant_pressure_j": own.get(ONE_PRESSURE),
+        "constant_pressure_pa": found.get(DEFAULT_PLANNER, {}).get("one_pressure_pa"),
+        "failures": failures,
+    }
+
+
+def _plan_tour(planner: Planner, goals: list[Position], options: PlanOptions) -> list[Supplied]:
+    """Plan motions from goal to goal, and compute the energy of each motion with every supply.
+
+    The first motion begins at the start posture of the machine file. Each motion begins at rest, in
+    the modes that hold the arm there.
+
+    Args:
+        planner: Planner of the arm.
+        goals: Goals in their order [m].
+        options: Options of every plan.
+
+    Returns:
+        Energies of each motion, in the order of the goals. A goal at which the tip is already has
+        no entry.
+
+    Raises:
+        MhsbError: There is no plan to one of the goals.
+    """
+    machine, tour = planner.machine, []
+    posture = np.array(machine.config.simulation.start_posture)
+    for goal in goals:
+        modes = StartModes.create_settled(
+            choose_holding_modes(machine, machine.piston_forces(posture))
+        )
+        plan = planner.plan(goal, MotionState.at_rest(posture), modes=modes, options=options)
+        if plan.duration > 0.0:
+            motion = plan.motion.trajectory, plan.motion.schedule
+            tour.append(compute_supply_energies(machine, remove_leakage(machine), *motion))
+        posture = plan.motion.trajectory.position[-1]
+    return tour

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from tqdm import tqdm
 
 from mhsb_control import load_machine
 from mhsb_model import command_line
@@ -15,11 +16,84 @@ from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
-from mhsb_tools.moves.operating_regions import determine_operating_regions
+from mhsb_tools.moves.move_page import draw_move_page
+from mhsb_tools.moves.operating_regions import OperatingRegions, determine_operating_regions
 from mhsb_tools.recording.bag_reader import read_recording
-from mhsb_tools.report import figures
-from mhsb_tools.report.recorded_run import evaluate_recording
+from mhsb_tools.report.recorded_moves import cut_into_moves
+from mhsb_tools.report.recorded_run import EvaluatedRecording, evaluate_recording
 from mhsb_tools.report.summary import compute_summary
+from mhsb_tools.report.time_figures import (
+    draw_energy,
+    draw_estimates,
+    draw_joints,
+    draw_modes,
+    draw_pressures,
+    draw_tip_error,
+)
+from mhsb_tools.report.workspace_figure import draw_workspace
+
+FIGURE_FILES = {
+    "joints.png": draw_joints,
+    "modes.png": draw_modes,
+    "pressures.png": draw_pressures,
+    "energy.png": draw_energy,
+    "tip_error.png": draw_tip_error,
+}
+"""Function that draws each figure, by its file name; the estimates' and the workspace's come on
+top.
+"""
+
+LEARNT_FIGURE = "estimates.png"
+WORKSPACE_FIGURE = "workspace.png"
+
+
+def draw_all(run: EvaluatedRecording, regions: OperatingRegions, folder: Path) -> list[Path]:
+    """Draw all figures of a recording and write them into a folder.
+
+    The figure of estimates is drawn only if the recording has estimates. A progress bar is shown on
+    a terminal.
+
+    Args:
+        run: The evaluated recording.
+        regions: Nodes of the workspace at which joints need boost.
+        folder: Existing folder.
+
+    Returns:
+        The written PNG files.
+    """
+    figures = dict(FIGURE_FILES)
+    if run.recording.estimates:
+        figures[LEARNT_FIGURE] = draw_estimates
+    with tqdm(total=1 + len(figures), desc="figures", leave=False, disable=None) as bar:
+        draw_workspace(run, regions, folder / WORKSPACE_FIGURE)
+        bar.update()
+        for name, draw in figures.items():
+            draw(run, folder / name)
+            bar.update()
+    return [folder / name for name in (WORKSPACE_FIGURE, *figures)]
+
+
+def draw_moves(run: EvaluatedRecording, folder: Path) -> list[Path]:
+    """Draw a page for each move of a recording and write it into a folder.
+
+    A move begins when a goal's plan takes over. It ends when the next plan takes over or shortly
+    after the arm has come to rest.
+
+    Args:
+        run: The evaluated recording.
+        folder: Existing folder.
+
+    Returns:
+        The written files `move_1.png`, `move_2.png` and so on, in time order. The numbers are those
+        of the pages; goals without a page have no number.
+    """
+    moves = cut_into_moves(run)
+    files = [folder / f"move_{number}.png" for number in range(1, len(moves) + 1)]
+    pages = zip(moves, files, strict=True)
+    for move, file in tqdm(pages, total=len(moves), desc="moves", leave=False, disable=None):
+        draw_move_page(move, file)
+    return files
+
 
 SUMMARY_FILE = "summary.json"
 
@@ -94,9 +168,9 @@ def write_report(
     regions = determine_operating_regions(machine, load_or_build_table(machine, table))
     content = compute_summary(run)
     make_output_folder(output, "the report")
-    figures.draw_all(run, regions, output)
+    draw_all(run, regions, output)
     if moves:
-        figures.draw_moves(run, output)
+        draw_moves(run, output)
     write_json(output / SUMMARY_FILE, content)
     return content
 

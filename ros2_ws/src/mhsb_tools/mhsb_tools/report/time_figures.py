@@ -27,7 +27,7 @@ from mhsb_model.figure_style import (
 )
 from mhsb_model.modes import BOOSTED_MODES, Mode, count_modules
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.online.settings import REACHED_TOLERANCE
+from mhsb_planner.online.settings import CONFIDENCE_SIGMAS, REACHED_TOLERANCE
 from mhsb_tools.moves.move_page import draw_labelled_mode_bars, yield_mode_spans
 from mhsb_tools.report.recorded_goals import find_take_over_times
 from mhsb_tools.report.recorded_run import EvaluatedRecording
@@ -127,22 +127,18 @@ def draw_joints(run: EvaluatedRecording, path: Path) -> None:
         for j, (angles, errors) in enumerate(axes):
             slides = run.machine.arrays.slides[j]
             shown = PER_MM if slides else np.degrees(1.0)
-            draw_line(
-                angles,
-                to_seconds(run, states.time_ns),
-                shown * states.position[:, j],
-                color=PALE,
-                linewidth=3.5,
-                label="measured",
-            )
-            draw_line(
-                angles,
-                to_seconds(run, references.time_ns),
-                shown * references.position[:, j],
-                color=BLACK,
-                linewidth=1.0,
-                label="reference",
-            )
+            for table, label, color, width in (
+                (states, "measured", PALE, 3.5),
+                (references, "reference", BLACK, 1.0),
+            ):
+                draw_line(
+                    angles,
+                    to_seconds(run, table.time_ns),
+                    shown * table.position[:, j],
+                    color=color,
+                    linewidth=width,
+                    label=label,
+                )
             angles.set_ylabel(f"joint {j + 1} [{'mm' if slides else 'deg'}]")
             draw_line(
                 errors,
@@ -416,9 +412,6 @@ def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: lis
     for total, _, color, style in planned:
         axes.stairs(np.diff(total) / span, time, baseline=None, color=color, linestyle=style)
 
-
-CONFIDENCE_SIGMAS = 1.96
-"""Half width of the 95 % interval of a normal distribution [standard deviations]."""
 
 PANEL_LABELS = {
     "payload": ("payload [kg]", 1.0),

@@ -12,6 +12,7 @@ from mhsb_model.hydraulics import scale_leakage
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
+from mhsb_planner.online.settings import CONFIDENCE_SIGMAS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.moves.needed_pressure import compute_needed_pressure
 from mhsb_tools.study.replay import Replay
@@ -23,9 +24,6 @@ LEARNING_TIME, EACH_WAY_TIME = 5.0, 0.5
 """Time of motion of these joints before the estimate is read [s]. Least time that one of the joints
 must then have moved in each direction [s].
 """
-
-CONFIDENCE_SIGMAS = 1.96
-"""Half width of a 95 % interval in standard deviations."""
 
 SETTLING_TIME, RESTING_TIME = 1.0, 1.0
 """Time without sensor noise before spools are observed, and for which they are observed [s]."""

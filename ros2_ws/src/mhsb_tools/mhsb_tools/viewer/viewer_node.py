@@ -38,9 +38,13 @@ from mhsb_msgs_py.topics import Topic
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.ros.goal_sender import GoalSender
-from mhsb_tools.viewer.ability_scene import PolytopeScene, RegionScene
+from mhsb_tools.viewer.ability_scene import (
+    UNMOVABLE_REGION,
+    PolytopeScene,
+    RegionScene,
+    compute_boost_regions,
+)
 from mhsb_tools.viewer.arm_scene import ArmScene
-from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION, compute_boost_regions
 from mhsb_tools.viewer.energy_flow import EnergyCounter
 from mhsb_tools.viewer.marker_scene import MarkerScene
 from mhsb_tools.viewer.panel import Panel, describe_report, make_initial_goal

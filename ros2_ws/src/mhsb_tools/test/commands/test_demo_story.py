@@ -7,7 +7,7 @@ import pytest
 from mhsb_model.verdict import Verdict
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_tools.commands.demo_story import format_story
-from mhsb_tools.comparison.goal_tour import compare_on_tour
+from mhsb_tools.comparison.supply_comparison import compare_on_tour
 
 
 def goal(x, z, fate, code=Verdict.OK, rest=None):

@@ -23,7 +23,7 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_planner import Planner
 from mhsb_tools import plot_plan
-from mhsb_tools.moves import energy_flow, move_page
+from mhsb_tools.moves import move_page
 from mhsb_tools.moves.move import MoveRecord
 from mhsb_tools.moves.move_page import compute_mode_limits, yield_mode_spans
 from mhsb_tools.moves.workspace_drawing import SET_COLORS, draw_obstacles
@@ -79,7 +79,7 @@ def test_regions_have_a_legend_and_nothing_else_has_the_colours_of_boosted_modes
     words = [text.get_text() for text in legend.get_texts()]
     assert words == ["possible in N", "possible in DB", "possible in SB", "the move"]
     boosted = {colors[mode] for colors in (MODE_COLOR, PATH_COLOR) for mode in (Mode.DB, Mode.SB)}
-    others = {*JOINT_COLORS, *energy_flow.ITEM_COLORS.values(), *SET_COLORS.values()}
+    others = {*JOINT_COLORS, *move_page.ITEM_COLORS.values(), *SET_COLORS.values()}
     assert not boosted & others
 
 
@@ -136,7 +136,7 @@ def test_an_own_valve_bounds_its_actuator_alone(machine):
 def test_bands_are_as_high_as_their_share_and_small_ones_are_left_out():
     axes = Figure().subplots()
     energy = {"main pump": -80.0, "work on the loads": -20.0, "throttling": 75.0, "leakage": 24.9}
-    energy_flow.draw_energy_flow(energy | {"friction": 0.1}, axes)
+    move_page.draw_energy_flow(energy | {"friction": 0.1}, axes)
     heights = [patch.get_height() for patch in axes.patches]
     shares = np.array(heights) / heights[0]
     np.testing.assert_allclose(shares, np.array([80.0, 20.0, 75.0, 24.9]) / 80.0)
@@ -159,8 +159,8 @@ def test_bands_are_as_high_as_their_share_and_small_ones_are_left_out():
 )
 def test_labels_of_thin_bands_keep_apart_and_within_the_picture(shares):
     middles = np.cumsum(shares) - np.array(shares) / 2
-    places = energy_flow.label_places(middles)
-    pitch = min(energy_flow.LEAST_PITCH, 1.0 / len(shares))
+    places = move_page.label_places(middles)
+    pitch = min(move_page.LEAST_PITCH, 1.0 / len(shares))
     assert np.all(np.diff(places) >= pitch - 1e-12)
     assert places[0] >= pitch / 2 - 1e-12
     assert places[-1] <= 1.0 - pitch / 2 + 1e-12
@@ -168,7 +168,7 @@ def test_labels_of_thin_bands_keep_apart_and_within_the_picture(shares):
 
 def test_labels_that_have_room_stand_at_the_middle_of_their_bands():
     middles = np.array([0.2, 0.5, 0.8])
-    assert energy_flow.label_places(middles).tolist() == pytest.approx(middles.tolist())
+    assert move_page.label_places(middles).tolist() == pytest.approx(middles.tolist())
 
 
 def test_labels_as_drawn_do_not_overlap():
@@ -176,7 +176,7 @@ def test_labels_as_drawn_do_not_overlap():
     axes = figure.subplots()
     energy = {"main pump": -506.0, "servo pumps": -11.0, "throttling": 214.0, "leakage": 275.0}
     energy |= {"oil to the tank": 13.0, "servo pump losses": 5.0, "friction": 8.0}
-    energy_flow.draw_energy_flow(energy, axes)
+    move_page.draw_energy_flow(energy, axes)
     renderer = FigureCanvasAgg(figure).get_renderer()
     boxes = [text.get_window_extent(renderer) for text in axes.texts]
     assert len(boxes) == 7
@@ -207,7 +207,7 @@ def test_every_goal_is_drawn_at_its_place_with_its_number(move):
 
 def test_without_energy_the_diagram_says_so():
     axes = Figure().subplots()
-    energy_flow.draw_energy_flow({"main pump": 0.0}, axes)
+    move_page.draw_energy_flow({"main pump": 0.0}, axes)
     assert [text.get_text() for text in axes.texts] == ["no energy"]
 
 

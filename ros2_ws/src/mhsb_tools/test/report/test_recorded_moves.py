@@ -8,7 +8,7 @@ import pytest
 from mhsb_model.modes import Mode
 from mhsb_tools.recording.bag_format import BagError
 from mhsb_tools.recording.recording import ActuatorTable
-from mhsb_tools.report import figures
+from mhsb_tools.report import report_command
 from mhsb_tools.report.recorded_moves import cut_into_moves, get_whole_run_as_move
 
 
@@ -51,7 +51,7 @@ def test_a_recording_without_hydraulic_states_says_so(run):
 
 
 def test_each_move_gets_its_page(run, tmp_path):
-    files = figures.draw_moves(run, tmp_path)
+    files = report_command.draw_moves(run, tmp_path)
     assert [file.name for file in files] == [f"move_{k + 1}.png" for k in range(len(files))]
     assert all(file.stat().st_size > 10_000 for file in files)
     assert len(files) == len(cut_into_moves(run))

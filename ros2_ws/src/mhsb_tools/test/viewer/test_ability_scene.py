@@ -5,8 +5,12 @@ import pytest
 
 from mhsb_model.machine import load_machine
 from mhsb_planner.posture.s1_polytope import compute_polytope_area
-from mhsb_tools.viewer.ability_scene import POLYTOPE_SCALE, PolytopeScene, RegionScene
-from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION
+from mhsb_tools.viewer.ability_scene import (
+    POLYTOPE_SCALE,
+    UNMOVABLE_REGION,
+    PolytopeScene,
+    RegionScene,
+)
 from mhsb_tools.viewer.server import open_server
 
 

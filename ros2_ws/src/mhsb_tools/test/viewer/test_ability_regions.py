@@ -5,7 +5,7 @@ from mhsb_model import statics
 from mhsb_model.machine import load_machine
 from mhsb_model.modes import Mode
 from mhsb_planner.posture.s1_global_search import build_posture_table
-from mhsb_tools.viewer.boost_regions import (
+from mhsb_tools.viewer.ability_scene import (
     UNMOVABLE_REGION,
     compute_boost_regions,
     find_needed_mode,
