@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from mhsb_planner.deadline import NO_DEADLINE, Deadline, now
@@ -23,6 +24,8 @@ class PlanProgress:
             planned for a lower speed will not be cheaper than the incumbent (cheapest plan so far).
             It is 0 if there is no incumbent, or if the incumbent costs much more than the cheapest
             path.
+        max_path_cost: Largest cost, without mode switches, of a path whose motion may be cheaper
+            than the incumbent [-]. The loop skips dearer paths. It is inf if there is no incumbent.
         log: Log of proposals.
     """
 
@@ -30,6 +33,7 @@ class PlanProgress:
     reserve: float = 0.0
     has_motion: bool = False
     min_speed_factor: float = 0.0
+    max_path_cost: float = math.inf
     log: PlanLog = field(default_factory=PlanLog)
     _began: float = field(default_factory=now, init=False)
 

@@ -84,6 +84,11 @@ FIRST_STATES = 2000
 a second search takes any path.
 """
 
+TOO_DEAR_EFFORT = 0.25
+"""Share of the states that lattice searches may expand while the incumbent is too dear for the
+planning loop [-]. This is common at lower speeds than V_max. Coarse lattices are then searched.
+"""
+
 MAX_LATTICE_POINTS, SPACING_GROWTH = 2**26, 1.25
 """Largest number of lattice points, and factor by which the spacing of a larger lattice is
 increased until it fits. Only arms with more joints than the suite's have such lattices.
@@ -173,7 +178,8 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
 def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float) -> bool:
     """Return whether the incumbent is still too expensive, and there is time to improve it.
 
-    The first call with an incumbent computes the lower bound of `task` by branch and bound.
+    The first call with an incumbent computes the lower bound of `task` by branch and bound. If this
+    bound exceeds `max_path_cost` of the planning loop, the loop would skip every further path.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -182,11 +188,15 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
             [-].
 
     Returns:
-        False if the deadline of the search has passed, or the incumbent is good enough; otherwise
-        True. Without an incumbent, only the deadline counts.
+        False if the deadline of the search has passed, if the incumbent is good enough, or if no
+        path is cheap enough for the loop. Otherwise True, also without an incumbent.
     """
-    room = best is None or best.cost > (1.0 + share) * task.lower_bound
-    return room and not task.progress.search_deadline.has_passed
+    progress = task.progress
+    if best is not None:
+        max_bound = min(best.cost / (1.0 + share), progress.max_path_cost)
+        if task.lower_bound >= max_bound:
+            return False
+    return not progress.search_deadline.has_passed
 
 
 # --- Straight lines ------------------------------------------------------------------------------
@@ -324,7 +334,7 @@ def yield_lattice_paths(
 
     The function ends after the finest lattice, with or without a path. It ends earlier if the
     incumbent is close to the lower bound (MIN_LATTICE_GAP) or the time is up. With an incumbent it
-    also ends as soon as `max_expansions` states have been expanded.
+    also ends as soon as `_max_expansions` states have been expanded.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -343,7 +353,7 @@ def yield_lattice_paths(
             best = refine(task, best, spacing)
             yield best
         for priced_by in _lattice_cost_models(task.cost_model, best):
-            spent = best is not None and work.expanded >= task.limits.max_expansions
+            spent = best is not None and work.expanded >= _max_expansions(task, best)
             if spent or not may_be_improved(task, best, MIN_LATTICE_GAP):
                 return
             found = search_lattice(task, priced_by, best, spacing, work)
@@ -354,6 +364,21 @@ def yield_lattice_paths(
                 if best is None or found.cost < best.cost:
                     best = found
                     yield best
+
+
+def _max_expansions(task: SearchProblem, best: CylinderPath) -> int:
+    """Return the number of states that all lattice searches of a problem may expand together.
+
+    Args:
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        best: Incumbent (cheapest path so far).
+
+    Returns:
+        `max_expansions` of the problem's limits. If the planning loop would skip a path of the
+        incumbent's cost, TOO_DEAR_EFFORT times as much.
+    """
+    most = task.limits.max_expansions
+    return most if best.cost <= task.progress.max_path_cost else int(TOO_DEAR_EFFORT * most)
 
 
 def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[PathCostModel, ...]:
@@ -389,7 +414,7 @@ def search_lattice(
 
     With an incumbent, A* looks for a path below MAX_SEARCHED_COST_RATIO times the incumbent's cost.
     Only goal postures with a lower bound below the incumbent's cost are goals. The search expands
-    at most `max_expansions` − `work.expanded` states. Its heuristic weight is 1, or
+    at most `_max_expansions` − `work.expanded` states. Its heuristic weight is 1, or
     DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
@@ -416,7 +441,7 @@ def search_lattice(
         return None
     search = create_lattice_search(task, priced_by, worth, spacing)
     if best is not None:
-        left = task.limits.max_expansions - work.expanded
+        left = _max_expansions(task, best) - work.expanded
         heuristic_weight = (
             DEADLINE_HEURISTIC_WEIGHT
             if task.progress.has_deadline and len(task.start_lengths) > 3

@@ -108,6 +108,7 @@ def paths_from_anywhere(
             yield candidate
             own.reserve, own.has_motion = progress.reserve, progress.has_motion
             own.min_speed_factor = progress.min_speed_factor
+            own.max_path_cost = progress.max_path_cost
             if progress.has_motion:
                 own.deadline = progress.deadline
     except MhsbError as error:
@@ -129,7 +130,7 @@ def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
 
     Returns:
         The new state, with the same log. The caller must update its `has_motion`,
-        `min_speed_factor` and `reserve`.
+        `min_speed_factor`, `max_path_cost` and `reserve`.
     """
     if not progress.has_deadline:
         return PlanProgress(progress.deadline, log=progress.log)

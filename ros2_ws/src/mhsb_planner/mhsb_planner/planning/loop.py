@@ -143,9 +143,7 @@ class PlanningLoop:
             path = DiscretePath.create_without_steps(
                 self._machine.tip_position(end), end, task.modes.modes, 0.0
             )
-            self._best = self._assemble_plan(path, motion, NO_DEADLINE)
-            self.progress.has_motion = True
-            cost = self._best.cost(task.options)
+            cost = self._keep(self._assemble_plan(path, motion, NO_DEADLINE))
             log.add("plan in force", ProposalOutcome.TAKEN, motion_cost=cost)
         except (FitError, DeadlineError) as error:
             log.add("plan in force", ProposalOutcome.REFUSED, reason=str(error))
@@ -272,7 +270,7 @@ class PlanningLoop:
         path, options, best = proposal.path, self._task.options, self._best
         switches = path.switches + path.holding_switches
         estimate = path.cost - options.weights.switches * switches
-        if best is not None and MIN_MOTION_COST_RATIO * estimate > best.cost(options):
+        if estimate > self.progress.max_path_cost:
             self._log(proposal, ProposalOutcome.SKIPPED)
             return
         rules, followed = fit_rules(options, proposal.trajectory), None
@@ -431,17 +429,31 @@ class PlanningLoop:
         self._charge_time("comparison" if proposal.for_comparison else "energy")
         if best is None:
             self._seconds["first_motion"] = self._since - self.progress.log.began
-            self.progress.has_motion = True
             took = (self._since - began) / (1 + len(motion.refused))
             self.progress.reserve = max(self.progress.reserve, took)
         published = rules.polynomial_only and motion.stretch <= 1.0
         cost = plan.cost(options)
         if best is None or published or self._replaces(plan, best):
             self._log(proposal, ProposalOutcome.TAKEN, rules, motion_cost=cost)
-            self._best = plan
+            self._keep(plan)
             return motion
         self._log(proposal, ProposalOutcome.DEARER, rules, motion_cost=cost)
         return motion if cost <= NEAR_BEST_COST_FACTOR * best.cost(options) else None
+
+    def _keep(self, plan: Plan) -> float:
+        """Make a plan the incumbent (best plan so far), and tell the searches by `progress`.
+
+        Args:
+            plan: The plan.
+
+        Returns:
+            Its cost [-].
+        """
+        cost = plan.cost(self._task.options)
+        self._best = plan
+        self.progress.has_motion = True
+        self.progress.max_path_cost = cost / MIN_MOTION_COST_RATIO
+        return cost
 
     def _replaces(self, plan: Plan, best: Plan) -> bool:
         """Return whether a plan is sufficiently better than the incumbent to replace it.

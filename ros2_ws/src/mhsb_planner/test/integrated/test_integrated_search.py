@@ -15,6 +15,7 @@ from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
 from mhsb_planner.integrated import anytime_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_search import search as table_search
 from mhsb_planner.search.s2_step import compute_step_costs
@@ -134,6 +135,28 @@ def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture
         assert np.all(np.diff([path.cost for path in paths]) < 0.0)
         several += len(paths) > 1
     assert several > 2
+
+
+def test_lattices_are_searched_less_or_not_at_all_if_the_loop_would_skip_their_paths(
+    machine, posture_within
+):
+    def find(start, goal, max_path_cost):
+        progress = PlanProgress(max_path_cost=max_path_cost)
+        query = PathQuery(start, NORMAL, goal, ENERGY)
+        search = IntegratedSearch(machine, query, limits=QUICK, progress=progress)
+        found = [path for path in search.paths() if path is not None]
+        costs = [path.cost for path in found]
+        return costs, found[-1].statistics.expanded, search._task.lower_bound
+
+    several = 0
+    for start, goal in tasks(machine, posture_within, 6, seed=6):
+        costs, expanded, lower_bound = find(start, goal, math.inf)
+        assert find(start, goal, costs[0])[:2] == (costs, expanded)
+        less = find(start, goal, 0.5 * (lower_bound + costs[-1]))[1]
+        assert less <= anytime_search.TOO_DEAR_EFFORT * QUICK.max_expansions
+        assert find(start, goal, 0.999 * lower_bound)[1] == 0
+        several += expanded > less
+    assert several > 0
 
 
 def test_a_lattice_is_made_only_where_a_goal_posture_may_be_cheaper(

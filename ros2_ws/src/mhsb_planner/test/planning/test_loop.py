@@ -1,5 +1,6 @@
 """The planning loop, with scripted proposals and motions, without any hydraulics."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -87,6 +88,18 @@ def test_a_path_that_costs_more_than_the_incumbent_without_its_switches_is_skipp
     plan = loop.choose_best(proposals(cheap, dear))
     assert plan.path.cost == cheap.cost
     assert [each.outcome for each in plan.log.entries] == ["taken", "skipped"]
+
+
+def test_the_loop_skips_the_paths_that_cost_more_than_it_tells_the_searches(loop):
+    def around_the_limit():
+        assert loop.progress.max_path_cost == math.inf
+        yield PathProposal(path_of(100.0))
+        limit = loop.progress.max_path_cost
+        yield PathProposal(path_of(0.999 * limit))
+        yield PathProposal(path_of(1.001 * limit))
+
+    plan = loop.choose_best(around_the_limit())
+    assert [each.outcome for each in plan.log.entries] == ["taken", "dearer", "skipped"]
 
 
 @pytest.mark.usefixtures("planner_may_fail")
