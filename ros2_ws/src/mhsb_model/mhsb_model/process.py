@@ -26,6 +26,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -43,6 +44,11 @@ VIEW_PACKAGES = frozenset({"lz4", "mcap", "rosbags", "viser", "zstandard"})
 
 DEFAULT_GRACE_PERIOD = 1.5
 """Time that a process is given to end by itself after a signal [s]."""
+
+LONGEST_END = 5.0
+"""Time after a signal and the grace periods in which a node has to end [s].
+
+It also ends if foreign code keeps Python's lock (GIL)."""
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a process."""
@@ -188,18 +194,20 @@ def grace_period(seconds: float = DEFAULT_GRACE_PERIOD) -> Iterator[None]:
 def time_limit(seconds: float) -> Iterator[None]:
     """Context manager that ends the process with code 1 if its block takes too long.
 
-    The limit also works while the block executes foreign code that keeps Python's lock (GIL). A
-    thread of the module faulthandler, which needs no lock, watches the limit.
+    The limit also works while the block executes foreign code that keeps Python's lock (GIL). If a
+    signal has asked this node to end, `LONGEST_END` is left for the rest of its end after the
+    block.
 
     Args:
         seconds: Longest time of the block [s].
     """
-    with open(os.devnull, "w") as nowhere:
-        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
+    _limit_time(seconds)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        if signalled():
+            _limit_end()
 
 
 @contextmanager
@@ -326,13 +334,15 @@ def _wait_for_signal(reader: int) -> None:
     SIGTERM only. The function then waits, so that the main thread can end the process by itself. It
     waits for the longest time of all `grace_period` contexts that are open at the signal; without
     such a context it does not wait. Finally the functions of `register_final_action` are called,
-    and the process exits.
+    and the process exits. If foreign code keeps Python's lock (GIL) meanwhile, so that none of this
+    can happen, the process ends with code 1 `LONGEST_END` after the grace periods.
 
     Args:
         reader: File descriptor of the pipe into which Python writes signal numbers.
     """
     number = os.read(reader, 1)[0]
     _signalled.set()
+    _limit_end()
     if number == signal.SIGHUP:
         _terminate()  # ROS reacts to SIGTERM, not to SIGHUP
     time.sleep(max(_grace_periods, default=0.0))
@@ -340,6 +350,28 @@ def _wait_for_signal(reader: int) -> None:
         with suppress(Exception):
             action()
     _exit_without_cleanup(0)
+
+
+def _limit_end() -> None:
+    """End this process with code 1 if it has not ended `LONGEST_END` after all grace periods."""
+    _limit_time(max(_grace_periods, default=0.0) + LONGEST_END)
+
+
+def _limit_time(seconds: float) -> None:
+    """End this process with code 1 after a time, unless the limit is cancelled or replaced.
+
+    A thread of the module faulthandler, which needs no lock of Python, watches the limit.
+
+    Args:
+        seconds: The time [s].
+    """
+    faulthandler.dump_traceback_later(seconds, exit=True, file=_open_nowhere())
+
+
+@cache
+def _open_nowhere() -> int:
+    """Return a file descriptor of the null device, which stays open."""
+    return os.open(os.devnull, os.O_WRONLY)
 
 
 def _hang_up_is_ignored() -> bool:

@@ -44,6 +44,18 @@ def main():
     while True:  # a signal cuts it short
         ctypes.CDLL(None).sleep(30)  # as in a compiler: Python calls no handler meanwhile
 """
+KEEPING_THE_LOCK = """
+import ctypes, time
+from mhsb_model import process
+
+def main():
+    with process.grace_period(0.5):
+        print("serving", flush=True)
+        while not process.signalled():
+            time.sleep(0.01)
+        time.sleep(0.1)
+        ctypes.PyDLL(None).pause()  # unlike CDLL, it keeps Python's lock
+"""
 WAITING = """
 import time
 
@@ -129,6 +141,13 @@ def test_a_node_that_serves_is_given_time_to_save_what_it_has(tmp_path, number):
 @BOTH
 def test_a_node_that_does_not_end_in_its_time_is_ended(tmp_path, number):
     assert ended_by(start(tmp_path, "node", STUCK), number) == (0, "")
+
+
+@BOTH
+def test_a_node_whose_main_thread_keeps_pythons_lock_after_a_signal_ends_with_code_1(
+    tmp_path, number
+):
+    assert ended_by(start(tmp_path, "node", KEEPING_THE_LOCK), number) == (1, "")
 
 
 def test_without_a_signal_a_node_ends_with_its_own_code(tmp_path):
