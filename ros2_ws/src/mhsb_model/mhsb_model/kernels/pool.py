@@ -9,6 +9,7 @@ together compile each kernel only once.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import logging
 import os
 import queue
@@ -147,6 +148,8 @@ def _call_in_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:
         waiting.put(part)
     for _ in range(min(len(parts), len(os.sched_getaffinity(0)))):
         threading.Thread(target=_serve_queue, args=(waiting, done), daemon=True).start()
+    # The caller needs numba to load the kernels, and imports it while it has nothing else to do.
+    importlib.import_module("mhsb_model.kernels.compiled")
     for _ in parts:
         yield done.get()
 
