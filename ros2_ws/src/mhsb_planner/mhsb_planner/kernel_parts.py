@@ -1,11 +1,11 @@
 """Functions that call all kernels of the planner, in parts that separate processes can compile.
 
 A kernel (a function compiled by numba) is compiled for types of arguments, not for their values.
-Calls with the default machine therefore compile the kernels for all machines. The parts that take
-longest come first. The last parts use kernels of earlier parts. The energy bound stands between
-motion and graph search for this reason: with two processes, the one that compiles the step costs
-then also compiles the graph search, and builds the step graph only once. `mhsb plan` compiles only
-the parts that its planner and obstacles need, a planner node compiles all of them.
+Calls with the default machine therefore compile the kernels for all machines. The parts that take longest come
+first. The last parts use kernels of earlier parts. On two processors, the process with the step
+costs is ready before the one with the motions. It takes up the graph search, which uses its step
+graph. `mhsb plan` compiles only the parts that its planner and obstacles need, a planner node
+compiles all of them.
 """
 
 from __future__ import annotations
@@ -67,8 +67,6 @@ def compile_lattice_search() -> None:
 def compile_motion() -> None:
     """Compile the fit of motions from rest: trajectory (S3), mode schedule (S4) and energy."""
     s3_trajectory.warm_up(machine())
-    rest = np.zeros((1, machine().joint_count))
-    compute_energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
 
 
 def compile_energy_bound() -> None:
@@ -120,7 +118,9 @@ def compile_polytope_areas() -> None:
 
 
 def compile_remaining_kernels() -> None:
-    """Compile the kernels that only some requests need, such as those for obstacles."""
+    """Compile the kernels that only some requests or nodes need, such as those for obstacles."""
+    rest = np.zeros((1, machine().joint_count))
+    compute_energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
     among_zones.warm_up(machine())
     s2_step.warm_up(machine())
     integrated_search.warm_up(machine())
@@ -152,8 +152,8 @@ def list_parts_for_rest(planner: str, *, has_obstacles: bool) -> tuple[str, ...]
         Import paths ("module:function") in the order in which the parts are started.
     """
     return (
-        *_name_parts(compile_step_costs, compile_motion, compile_energy_bound),
-        *_name_parts(compile_graph_search),
+        *_name_parts(compile_step_costs, compile_motion),
+        *_name_parts(compile_graph_search, compile_energy_bound),
         *_PATH_PARTS.get(planner, ()),
         *(_name_parts(compile_clearance) if has_obstacles else ()),
         *_name_parts(compile_polytope_areas),
