@@ -244,18 +244,16 @@ def compute_supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
     return run.supply_pressure - fading - PRESSURE_ALLOWANCE
 
 
-def compute_planned_energy(script: PlannedScenario, run: Replay) -> Energy:
-    """Return the planner's energy of the motion that was followed."""
-    return compute_motion_energy(script.machine, *run.followed_motion(PLANNED_EVERY))
-
-
-def evaluate_run(script: PlannedScenario, controller: str, run: Replay) -> StudyRecord:
+def evaluate_run(
+    script: PlannedScenario, controller: str, run: Replay, planned: Energy
+) -> StudyRecord:
     """Measure a run: tip errors, pressures, energies and mode switches.
 
     Args:
         script: The planned scenario that was simulated.
         controller: Name of the controller.
         run: The record of the run.
+        planned: Energy that the planner's model gives for the motion that was followed.
 
     Returns:
         The measured numbers.
@@ -276,7 +274,7 @@ def evaluate_run(script: PlannedScenario, controller: str, run: Replay) -> Study
         energy_sp_j=source["servo_pumps"]["shaft"],
         energy_mp_shaft_j=source["main_pump"]["shaft"],
         energy_sp_hydraulic_j=source["servo_pumps"]["hydraulic"],
-        energy_planned_series_j=compute_planned_energy(script, run).series,
+        energy_planned_series_j=planned.series,
         mode_switches=int(np.count_nonzero(np.diff(run.modes.astype(int), axis=0))),
         held_out=script.scenario.held_out,
         interventions=run.interventions,
@@ -302,9 +300,10 @@ def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
     for controller in select_controllers(machine):
         simulator = Simulator(script.machine, controller)
         run = replay(simulator, script.commands, scenario.duration)
-        records.append(evaluate_run(script, controller, run))
+        planned = compute_motion_energy(script.machine, *run.followed_motion(PLANNED_EVERY))
+        records.append(evaluate_run(script, controller, run, planned))
         traces[controller] = _trace(script.machine, run)
-        elements[controller] = list_energy_parts(compute_planned_energy(script, run), run.energies)
+        elements[controller] = list_energy_parts(planned, run.energies)
     return ScenarioResult(scenario, tuple(records), script.refused, traces, elements)
 
 

@@ -10,6 +10,7 @@ import pytest
 from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
+from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.energy_comparison import EnergyPart
@@ -17,6 +18,7 @@ from mhsb_tools.study.replay import Replay, replay
 from mhsb_tools.study.scenarios import Scenario
 from mhsb_tools.study.servo_study import (
     NEED_WINDOW,
+    PLANNED_EVERY,
     PRESSURE_ALLOWANCE,
     ScenarioResult,
     StudyRecord,
@@ -113,7 +115,8 @@ def test_a_record_has_the_numbers_of_its_run(machine: Machine, scenario: Scenari
     script = plan_scenario(machine, scenario)
     simulator = Simulator(script.machine, "coordinated")
     run = replay(simulator, script.commands, scenario.duration)
-    record = evaluate_run(script, "coordinated", run)
+    planned = compute_motion_energy(script.machine, *run.followed_motion(PLANNED_EVERY))
+    record = evaluate_run(script, "coordinated", run, planned)
     error = 1e3 * run.tip_error(machine)
     assert record.tip_error_max_mm == pytest.approx(error.max())
     assert record.tip_error_rms_mm < 1.0
