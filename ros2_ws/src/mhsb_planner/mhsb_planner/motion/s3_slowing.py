@@ -37,6 +37,11 @@ RAMP_RESERVE = 1.02
 
 During longer ramps the pistons move farther, so that their loads differ slightly."""
 
+MAX_RAMP_GROWTH = 2.0
+"""Largest factor by which ramps become longer at once [-].
+
+Larger factors were computed up to 20 % too large, since modes and loads change with the ramps."""
+
 
 def compute_ramp_growth(
     machine: Machine, profile: MotionProfile, middles: MotionProfile, modes: ModeArray
@@ -52,13 +57,14 @@ def compute_ramp_growth(
         modes: Mode codes between the points, shape (k, n).
 
     Returns:
-        RAMP_RESERVE times the factor by which inertia forces are too large [-]. inf if the pressure
-        does not even suffice without inertia.
+        RAMP_RESERVE times the factor by which inertia forces are too large [-]. It is at most
+        MAX_RAMP_GROWTH, also if the pressure does not even suffice without inertia.
     """
-    return RAMP_RESERVE * max(
+    excess = max(
         find_inertia_excess(machine.arrays, part.speed, part.force, part.inertia, modes)
         for part in (profile[:-1], middles, profile[1:])
     )
+    return min(MAX_RAMP_GROWTH, RAMP_RESERVE * excess)
 
 
 def compute_needed_factors(
