@@ -1,11 +1,11 @@
 """Functions that call all kernels of the planner, in parts that separate processes can compile.
 
 A kernel (a function compiled by numba) is compiled for types of arguments, not for their values.
-Calls with the default machine therefore compile the kernels for all machines. The parts that take longest come
-first. The last parts use kernels of earlier parts. On two processors, the process with the step
-costs is ready before the one with the motions. It takes up the graph search, which uses its step
-graph. `mhsb plan` compiles only the parts that its planner and obstacles need, a planner node
-compiles all of them.
+Calls with the default machine therefore compile the kernels for all machines. The parts that take
+longest come first. The last parts use kernels of earlier parts. On two processors, the process with
+the step costs is ready before the one with the motions. It takes up the graph search, which uses
+its step graph. `mhsb plan` compiles only the parts that its planner and obstacles need, a planner
+node compiles all of them.
 """
 
 from __future__ import annotations
