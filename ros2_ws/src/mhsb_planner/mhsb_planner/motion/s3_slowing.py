@@ -37,10 +37,11 @@ RAMP_RESERVE = 1.02
 
 During longer ramps the pistons move farther, so that their loads differ slightly."""
 
-MAX_RAMP_GROWTH = 2.0
-"""Largest factor by which ramps become longer at once [-].
+MIN_RAMP_GROWTH, MAX_RAMP_GROWTH = 1.1, 2.0
+"""Least and largest factor by which ramps become longer at once [-].
 
-Larger factors were computed up to 20 % too large, since modes and loads change with the ramps."""
+Smaller factors take many trials if the lack is between the points. Larger factors were computed up
+to 20 % too large, since modes and loads change with the ramps."""
 
 
 def compute_ramp_growth(
@@ -57,14 +58,14 @@ def compute_ramp_growth(
         modes: Mode codes between the points, shape (k, n).
 
     Returns:
-        RAMP_RESERVE times the factor by which inertia forces are too large [-]. It is at most
-        MAX_RAMP_GROWTH, also if the pressure does not even suffice without inertia.
+        RAMP_RESERVE times the factor by which inertia forces are too large, but at least
+        MIN_RAMP_GROWTH and at most MAX_RAMP_GROWTH [-].
     """
     excess = max(
         find_inertia_excess(machine.arrays, part.speed, part.force, part.inertia, modes)
         for part in (profile[:-1], middles, profile[1:])
     )
-    return min(MAX_RAMP_GROWTH, RAMP_RESERVE * excess)
+    return min(MAX_RAMP_GROWTH, max(MIN_RAMP_GROWTH, RAMP_RESERVE * excess))
 
 
 def compute_needed_factors(

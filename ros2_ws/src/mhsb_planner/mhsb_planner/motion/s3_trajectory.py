@@ -101,7 +101,7 @@ ACCEPTED_LIMIT_USE = 1.0001
 
 A longer duration may have no effect because ramp times are multiples of RAMP_TIME_STEP."""
 
-MAX_STRETCH_ROUNDS = 12
+MAX_STRETCH_ROUNDS = 8
 """Number of times that a curve is stretched before it is refused."""
 
 LONGEST_MOTION = MAX_DURATION_NS / SECOND_NS - 10.0
@@ -501,9 +501,8 @@ def _fit_candidate(
             longest = candidate.max_ramp_factor
             if scaling is TimeScaling.INERTIA and is_in_curve and ramp_factor < longest:
                 growth = compute_ramp_growth(machine, profile, middles, scheduled.intervals)
-                ramp_factor = min(longest, growth * ramp_factor)
-                scale = np.full(path.steps, candidate.stretch)
-                continue
+                longer = replace(candidate, ramp_factor=min(longest, growth * ramp_factor))
+                return _fit_candidate(machine, limits, modes, longer, rules, deadline)
             if scaling not in candidate.stretchable or not is_in_curve:
                 return violation
             needed = compute_needed_factors(violation, ends, used, time, candidate.slows_pieces)
