@@ -192,6 +192,12 @@ class InverseCurve:
         self.covariance: FloatArray = self._prior.copy()
         self.known_speed = self._stood = self._fastest_pair = 0.0
 
+    @property
+    def has_driven(self) -> bool:
+        """Whether the valve has driven the piston faster than it swings on its oil."""
+        fast = self._settings.min_driven_ratio * self.speeds[-1] / SPEED_KNOTS[-1]
+        return bool(self.known_speed > 0.0 and self._fastest_pair >= fast)
+
     def command_at(self, speed: float) -> float:
         """Return the command for a speed ≥ 0 [m/s]; for speed 0 it is the dead band.
 
@@ -276,7 +282,7 @@ class InverseCurve:
         correlated = self.covariance @ share
         gain = correlated / (share @ correlated + variance)
         self.commands += gain * (command - share @ self.commands)
-        self._keep_increasing()
+        self._keep_increasing(int(np.argmax(share)))
         return gain
 
     def _shares(self, speed: float) -> FloatArray:
@@ -310,9 +316,7 @@ class InverseCurve:
         """
         if self.commands[0] < command < self._settings.max_dead_band:
             s = self._settings
-            fast = s.min_driven_ratio * self.speeds[-1] / SPEED_KNOTS[-1]
-            has_driven = self.known_speed > 0.0 and self._fastest_pair >= fast
-            first = s.known_dead_band_step if has_driven else s.first_dead_band_step
+            first = s.known_dead_band_step if self.has_driven else s.first_dead_band_step
             step = first * self._unit * 2.0 ** (self._stood / s.step_doubling)
             self._correct(self._shares(0.0), command + min(step, s.dead_band_step), 0.0)
             self._stood += weight
@@ -326,13 +330,21 @@ class InverseCurve:
         share = min(time / self._settings.forgetting_time, 1.0)
         self.covariance += share * (self._prior - self.covariance)
 
-    def _keep_increasing(self) -> None:
-        """Raise commands where needed, so that the curve begins at 0 or above and increases.
+    def _keep_increasing(self, kept: int = 0) -> None:
+        """Change commands where needed, so that the curve begins at 0 or above and increases.
 
-        The slope between two knots is then at least `min_slope_ratio` times the assumed one.
+        The slope between two knots is then at least `min_slope_ratio` times the assumed one. One
+        knot keeps its command. Slower knots are lowered, and faster ones are raised. So a dead band
+        that was taken too large gives way to a measured command.
+
+        Args:
+            kept: Index of the knot that keeps its command, if this is large enough for the slopes
+                of the slower ones.
         """
         offset = np.concatenate([[0.0], np.cumsum(self._min_steps)])
-        above = np.maximum.accumulate(self.commands - offset)
+        above = self.commands - offset
+        above[kept:] = np.maximum.accumulate(above[kept:])
+        above[: kept + 1] = np.minimum.accumulate(above[kept::-1])[::-1]
         self.commands = np.maximum(above, 0.0) + offset
 
 

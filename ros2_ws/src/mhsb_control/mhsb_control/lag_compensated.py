@@ -128,7 +128,8 @@ class LagCompensationSettings:
     about a fixed length the ratio is at least 1.216 in any window of one to six periods (computed
     on a grid of windows and phases)."""
     min_speed_ratio: float = 0.01
-    """Speed that counts as standstill, as a share of the speed limit, 0.001 … 0.1.
+    """Speed that counts as standstill, as a share of the speed limit, 0.001 … 0.1. It holds for
+    windows of 0.2 s. In longer ones the same stroke counts, once the valve has driven the piston.
 
     Origin: chosen; below it, the command passes linearly through the dead band."""
     max_correction_ratio: float = 0.3
@@ -202,7 +203,9 @@ class LagCompensatedAxis:
         oscillation = max(round(2.0 * math.pi / frequency / self._period), 1)
         self._averaged = self._period * np.arange(oscillation - 1, -1, -1)
         self._window = max(oscillation, self._brief)
-        driven = settings.response.min_driven_ratio * self._brief / self._window  # by equal strokes
+        ratio = self._brief / self._window  # by equal strokes
+        self._slowest = ratio * settings.min_speed_ratio * max_speed
+        driven = ratio * settings.response.min_driven_ratio
         response = replace(settings.response, min_driven_ratio=driven)
         self.curves = tuple(
             InverseCurve(v, max_speed, response, commands)
@@ -284,10 +287,9 @@ class LagCompensatedAxis:
         known = s.known_speed_factor * curve.known_speed
         allowed = max(s.first_speed_ratio * self._max_speed, known)
         self.speed = min(max(demanded, -allowed), allowed)
-        slowest = s.min_speed_ratio * self._max_speed
-        command = curve.command_at(max(abs(self.speed), slowest))
+        command = curve.command_at(max(abs(self.speed), self._slowest))
         if not rests:
-            command *= min(abs(self.speed) / slowest, 1.0)
+            command *= min(abs(self.speed) / self._slowest, 1.0)
         return math.copysign(min(command, 1.0), self.speed)
 
     def _tolerates_error(self, error: float) -> bool:
@@ -343,6 +345,10 @@ class LagCompensatedAxis:
         direction, and nearly uniformly (`max_spread_ratio`); this excludes oscillation on the oil.
         Near an end of the stroke no curve is learnt from commands towards that end. If the piston
         stands, its dead band may be raised (`_learn_dead_band`).
+
+        A window that is longer than `window` resolves lower speeds. Once the valve has driven the
+        piston, a standstill in such a window is learnt as any other speed. All commands that acted
+        must lie between the dead band and `max_dead_band`. A dead band is then no longer raised.
         """
         s = self._settings
         time = self._window * self._period
@@ -361,16 +367,22 @@ class LagCompensatedAxis:
             newest < 0.0 and self._lengths[-1] < shortest
         ):
             return
-        self._learn_dead_band(acted)
+        curve = self.curves[int(newest < 0.0)]
+        resolves_slow = curve.has_driven and self._window > self._brief
+        if not resolves_slow:
+            self._learn_dead_band(acted)
         steady = acted[-self._window - math.ceil(s.settling_time / self._period) :]
         low, high = float(steady.min()), float(steady.max())
         forwards = math.copysign(speed, speed * newest)
         uniform = abs(speed) * time * math.sqrt((self._window + 2) / (12.0 * self._window))
         is_driven = float(self._lengths.std()) < s.max_spread_ratio * uniform
-        if is_driven and low * high > 0.0 and forwards > s.min_speed_ratio * self._max_speed:
+        is_beyond = resolves_slow and min(abs(low), abs(high)) > curve.commands[0]
+        least = self._slowest if is_beyond else s.min_speed_ratio * self._max_speed
+        stands = is_beyond and forwards < least and abs(newest) < s.response.max_dead_band
+        if low * high > 0.0 and (stands or (is_driven and forwards > least)):
             command = float(np.abs(steady[-self._window :]).mean())
             spread = s.spread_share * (high - low)
-            self.curves[int(high < 0.0)].learn(forwards, command, 1.0 / self._window, spread)
+            curve.learn(max(forwards, 0.0), command, 1.0 / self._window, spread)
 
     def _learn_dead_band(self, acted: FloatArray) -> None:
         """Raise the dead band of a direction if the piston stands in spite of a command.

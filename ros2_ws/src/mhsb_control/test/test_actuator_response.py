@@ -81,6 +81,22 @@ def test_a_swing_on_the_oil_makes_no_step_of_the_dead_band_smaller():
     assert curve.command_at(0.0) - before == pytest.approx(first, rel=1e-3)
 
 
+def test_a_dead_band_that_was_taken_too_large_gives_way_to_a_measured_command():
+    """The valve moves the piston at 5 % of its speed limit by a command below the dead band."""
+    curve, slow = build_curve(), 0.05 * MAX_SPEED
+    for speed in np.tile([0.2, 0.5, 1.0], 9) * MAX_SPEED:
+        curve.learn(speed, 0.3 + speed / FULL_SPEED, 1.0)
+    for _ in range(40):
+        curve.raise_dead_band(curve.command_at(0.0) + 1e-6, 1.0)
+    assert curve.command_at(0.0) > 0.5
+    for _ in range(9):
+        curve.learn(slow, 0.31, 1.0)
+    assert curve.command_at(slow) == pytest.approx(0.31, abs=0.006)
+    assert curve.command_at(0.0) < curve.command_at(slow)
+    straight = np.diff(curve.speeds) / FULL_SPEED
+    assert np.all(np.diff(curve.commands) >= SETTINGS.min_slope_ratio * straight - 1e-12)
+
+
 def test_the_filter_solves_the_least_squares_problem(fresh_seed):
     """Oracle: minimum of |θ − p|² in P₀⁻¹ plus all weighted residuals, by a linear solver."""
     settings = replace(SETTINGS, speed_deviation=0.0)

@@ -278,6 +278,39 @@ def test_a_heavy_joint_on_its_oil_follows_slow_motions(fresh_seed):
     assert max(errors) < 7.0, errors
 
 
+@pytest.mark.parametrize("frequency", [5.0, math.inf])
+@pytest.mark.parametrize("speed", [0.0, 6e-4])
+def test_a_long_window_resolves_speeds_below_a_hundredth_of_the_limit(frequency, speed):
+    """The valve needs 0.03 more than the curve says. A window of 0.2 s takes 0.6 mm/s as rest."""
+    axis = LagCompensatedAxis(
+        FULL_SPEEDS, MAX_SPEED, 0.01, LagCompensatedGains(), frequency=frequency
+    )
+    curve = axis.curves[0]
+    for known in np.tile([6e-4, 0.02, 0.08], 9):
+        curve.learn(known, 0.2 + known / FULL_SPEEDS[0], 1.0)
+    command = curve.command_at(speed) + 0.03
+    axis._commands[:] = command
+    axis._lengths[:] = speed * 0.01 * np.arange(len(axis._lengths))
+    for _ in range(2000):
+        axis._learn()
+    if frequency == 5.0:
+        assert curve.command_at(speed) == pytest.approx(command, abs=0.003)
+    else:
+        assert curve.command_at(0.0) > command
+
+
+def test_a_blocked_piston_is_not_learnt_as_a_dead_band_in_a_long_window():
+    axis = LagCompensatedAxis(FULL_SPEEDS, MAX_SPEED, 0.01, LagCompensatedGains(), frequency=5.0)
+    for known in np.tile([6e-4, 0.02, 0.08], 9):
+        axis.curves[0].learn(known, 0.2 + known / FULL_SPEEDS[0], 1.0)
+    before = axis.curves[0].commands.copy()
+    axis._commands[:] = 0.61  # from 0.6 on, something else holds the piston
+    axis._lengths[:] = 0.0
+    for _ in range(500):
+        axis._learn()
+    assert np.array_equal(axis.curves[0].commands, before)
+
+
 def test_an_arm_with_nearly_half_a_dead_band_and_slow_sensors_moves():
     valve = Valve((0.48, 0.35), FULL_SPEEDS, 1.3, 0.35, 0.15, 10.0)
     assert measure_error(valve, follow(build_axis(valve), 0.02), 0.02) < 3.0
