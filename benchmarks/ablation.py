@@ -148,6 +148,7 @@ def list_variants() -> dict[str, ServoSettings]:
     pumps = ("controller", "pumps")
     windows = {
         "valve": ("controller", "valves", "window_steps"),
+        "lag": ("controller", "lags", "window_steps"),
         "pump": (*pumps, "drives", "window_steps"),
         "line": (*pumps, "lines", "window_steps"),
         "load": ("controller", "cascade", "load", "window_steps"),

@@ -16,6 +16,7 @@ CACHE = ROOT / ".mypy_cache"
 SOURCES = ROOT / "ros2_ws" / "src"
 PLACES = (
     "mhsb_control/mhsb_control/*.py",
+    "mhsb_control/mhsb_control/spools/*.py",
     "mhsb_model/mhsb_model/circuit/*.py",
     "mhsb_sim/mhsb_sim/*/*.py",
     "mhsb_planner/mhsb_planner/search/open_list.py",

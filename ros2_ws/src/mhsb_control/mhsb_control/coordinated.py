@@ -45,6 +45,14 @@ from mhsb_control.servo_pumps import (
     observe_line_draws,
     predict_line_volumes,
 )
+from mhsb_control.spools.lag_estimate import (
+    LagEstimates,
+    LagSettings,
+    accumulate_lag_window,
+    advance_spools,
+    build_lag_estimates,
+    finish_lag_step,
+)
 from mhsb_control.valve_estimate import (
     EstimatedValve,
     ValveEstimates,
@@ -144,6 +152,8 @@ class CoordinatedSettings:
     """Settings of the cascade and of the load estimates."""
     valves: ValveSettings = field(default_factory=ValveSettings)
     """Settings of the valve estimates and of the inverse valve curve."""
+    lags: LagSettings = field(default_factory=LagSettings)
+    """Settings of the estimate of the valves' lag."""
     pumps: PumpSettings = field(default_factory=PumpSettings)
     """Settings of the pumps, and of the estimates of lines, pumps and drawn flow."""
 
@@ -197,17 +207,25 @@ class CoordinatedController:
             settings.valves,
             machine.config.simulation.step,
         )
+        lags = build_lag_estimates(
+            cascade.gains["valve_lag"][0],
+            machine.config.circuit.valve_damping,
+            machine.config.simulation.step,
+            machine.arrays.max_piston_speed,
+            settings.lags,
+        )
         self._estimators = (
             machine.actuator_names,
             cascade.load,
             valves,
+            lags,
             pumps.lines,
             pumps.drives,
             settings.cascade.load,
             settings.pumps,
         )
         own = create_record(settings.coordination)
-        self._control = bind_kernel(run_coordinated_step, cascade, valves, pumps, own)
+        self._control = bind_kernel(run_coordinated_step, cascade, valves, lags, pumps, own)
 
     def update(self) -> None:
         """Compute all commands for the next step, and write them into the signals."""
@@ -221,35 +239,45 @@ class CoordinatedController:
 
 @kernel(borrows=True)
 def run_coordinated_step(
-    s: ServoArguments, v: ValveEstimates, p: PumpState, own: Records[CoordinationSettings]
+    s: ServoArguments,
+    v: ValveEstimates,
+    lags: LagEstimates,
+    p: PumpState,
+    own: Records[CoordinationSettings],
 ) -> None:
     """Run one step of the coordinated controller.
 
     A step computes, in this order:
 
     1. the demanded piston speeds;
-    2. for each actuator the valve estimate (with the last step's opening), the valve command and
+    2. for each actuator the valve estimates (with the last step's opening), the valve command and
         the pressure targets of its line;
-    3. the estimates of oil compressibility and leakage;
+    3. the estimates of the valves' lag, oil compressibility and leakage;
     4. the oil that the lines will draw, and what they draw now;
     5. the piston speeds that the pumps can supply;
     6. the join valves;
     7. the pump commands;
-    8. the gains of the position and force loops, which a long estimated delay lowers.
+    8. the gains of the position and force loops, which a long estimated delay or lag lowers.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of
-            `actuators` and `modules` in place.
+        s: Signals, circuit, axes and estimates of the servo. Writes `axes`, `valve_lag` of `gains`,
+            and the commands of `actuators` and `modules` in place.
         v: Estimates of the valves, updated in place.
+        lags: Estimate of the valves' lag, updated in place.
         p: State of the pumps, updated in place.
         own: Tuned numbers of the controller itself, CoordinationSettings[1].
     """
     settings, delay, step = own[0], p.drives.record[0].delay, s.gains[0].step
     compute_piston_demands(s)
+    ends, is_used = lags.record[0].steps == lags.settings[0].window_steps, False
     for j in range(len(s.axes)):
         axis, sensor, cylinder = s.axes[j], s.sensors[j], s.cylinders[j]
         force = sensor.cap_pressure * cylinder.cap_area - sensor.rod_pressure * cylinder.rod_area
         shift_opening(v.records[j], v.openings[j], delay, s.gains[0].valve_lag, step)
+        advance_spools(lags, v, j, sensor.length, force, step)
+        if ends:
+            used = accumulate_lag_window(lags, v, j, sensor.length, force, axis.stiffness)
+            is_used = is_used or used
         accumulate_valve_window(v, j, axis.speed, sensor.length, force, axis.stiffness, step)
         compute_valve_command(
             axis,
@@ -263,6 +291,8 @@ def run_coordinated_step(
             s.gains[0].reaction_time,
         )
         select_supply_targets(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
+    finish_lag_step(lags, is_used, delay)
+    s.gains[0].valve_lag = lags.record[0].lag
     update_line_estimates(s, p.lines, p.gains[0].settings.lines)
     predict_line_volumes(s, p)
     observe_line_draws(s, p)

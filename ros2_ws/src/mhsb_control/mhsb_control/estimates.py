@@ -10,6 +10,11 @@ from mhsb_control.line_estimate import LineEstimates
 from mhsb_control.load_estimate import LoadEstimate, LoadSettings
 from mhsb_control.pump_estimate import DriveEstimates
 from mhsb_control.servo_pumps import PumpSettings
+from mhsb_control.spools.lag_estimate import (
+    LAG_EXCESSES,
+    LagEstimates,
+    describe_lag_uncertainty,
+)
 from mhsb_control.valve_estimate import ValveEstimates
 from mhsb_model.arm_reports import Estimate
 
@@ -21,6 +26,7 @@ def collect_estimates(
     names: Sequence[str],
     load: LoadEstimate,
     valves: ValveEstimates,
+    lags: LagEstimates,
     lines: LineEstimates,
     drives: DriveEstimates,
     load_settings: LoadSettings,
@@ -30,25 +36,34 @@ def collect_estimates(
 
     Bulk modulus and overlap are functions of the estimated parameters; their variances are
     propagated to first order. The delay has no standard deviation; the longest plausible delay
-    minus the estimated delay takes its place.
+    minus the estimated delay takes its place. For the valves' lag, the largest difference to
+    a plausible lag takes its place.
 
     Args:
         names: Names of the actuators, in the order of the estimators' arrays.
         load: Estimates of payload and friction.
         valves: Estimates of the valves.
+        lags: Estimate of the valves' lag.
         lines: Estimates of oil compressibility and leakage.
         drives: Estimates of pump lag and command delay.
         load_settings: Tuned numbers of `load`, with initial standard deviations.
         pump_settings: Tuned numbers of `lines` and `drives`, with initial standard deviations.
 
     Returns:
-        Estimates with the units of `Estimate`. First are payload, bulk modulus, pump lag and delay,
-        with an empty actuator name. Friction, valve gain, overlap and leakage of each actuator
-        follow. An estimate counts as known if its standard deviation is below KNOWN_DEVIATION_RATIO
-        times the initial one.
+        Estimates with the units of `Estimate`. First are payload, bulk modulus, pump lag, delay
+        and valve lag, with an empty actuator name. Friction, valve gain, overlap and leakage of
+        each actuator follow. An estimate counts as known if its standard deviation is below
+        KNOWN_DEVIATION_RATIO times the initial one.
     """
     return [
         *_build_shared_estimates(load, lines, drives, load_settings, pump_settings),
+        _build_estimate(
+            "valve_lag",
+            "",
+            lags.record["lag"][0],
+            describe_lag_uncertainty(lags),
+            max(LAG_EXCESSES),
+        ),
         *(
             estimate
             for j, name in enumerate(names)

@@ -11,12 +11,12 @@ from functools import partial
 
 import numpy as np
 
-from mhsb_control.assumed_valves import update_assumed_valves
 from mhsb_control.controller import Controller, ServoSignals
 from mhsb_control.estimates_file import ActuatorResponse
 from mhsb_control.governor.mode_guard import ModeGuard
 from mhsb_control.reference import ReferencePreview
 from mhsb_control.registry import make_controller
+from mhsb_control.spools.assumed_valves import update_assumed_valves
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import RAIL_MODES, Mode, assign_modules, choose_stronger_modes, count_modules

@@ -113,7 +113,8 @@ class Estimate:
 
     Attributes:
         quantity: payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine
-            file's value]; overlap [share of the stroke]; pump_lag, delay [s].
+            file's value]; overlap [share of the stroke]; pump_lag, delay,
+            valve_lag [s].
         actuator: Name of the actuator; empty if the quantity concerns the whole arm.
         value: Estimated value, in the unit given above.
         deviation: Standard deviation of the value.

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.assumed_valves import update_assumed_valves
 from mhsb_control.controller import ActuatorReadings
+from mhsb_control.spools.assumed_valves import update_assumed_valves
 from mhsb_model.circuit.components import Components
 from mhsb_model.circuit.quantities import ActuatorState, ModuleState
 from mhsb_model.kernels.kernel import kernel

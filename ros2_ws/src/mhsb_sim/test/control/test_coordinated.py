@@ -155,7 +155,7 @@ def test_a_force_loop_that_is_late_keeps_a_phase_margin_of_38_degrees(
     """Of ω_F/(c s) with the spool's lag, a step and the delay as dead time, at its crossing."""
     signals, gains = Simulator(machine)._signals, read_gains(machine, "coordinated")
     controller = CoordinatedController(machine, signals, gains)
-    servo, _, pumps, _ = controller._control.args
+    servo, _, _, pumps, _ = controller._control.args
     pumps.drives.record["delay"], pumps.lines.estimate[0] = late, softness
     usual = servo.axes["force_bandwidth"].copy()
     limit_gains_by_delay(servo, pumps, RECORD)
@@ -217,7 +217,7 @@ def test_a_shortfall_takes_no_more_from_a_lines_flow_than_the_commanded_flow_in_
     slow = machine.with_values({"circuit.valve_frequency": 12.7})
     signals = Simulator(slow)._signals
     controller = CoordinatedController(slow, signals, read_gains(slow, "coordinated"))
-    servo, _, pumps, _ = controller._control.args
+    servo, _, _, pumps, _ = controller._control.args
     signals.modes[:] = [1, 0, 0]
     signals.serves[:] = [0, -1, -1, -1]
     controller.update()
@@ -235,7 +235,7 @@ def test_slip_of_a_joined_lines_own_pump_is_missing_for_its_piston(machine: Mach
     leaky = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
     signals = Simulator(leaky)._signals
     controller = CoordinatedController(leaky, signals, read_gains(leaky, "coordinated"))
-    servo, _, pumps, _ = controller._control.args
+    servo, _, _, pumps, _ = controller._control.args
     signals.modes[:] = [2, 0, 0]
     signals.serves[:] = [0, -1, -1, -1]
     servo.axes["joined"] = [1.0, 0.0, 0.0]

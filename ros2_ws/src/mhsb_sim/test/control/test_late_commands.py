@@ -58,3 +58,12 @@ def test_a_delay_that_is_not_declared_is_learnt_and_goals_are_reached(
     assert max(follow(simulator, motion, WAYS)) < TOLERANCE
     (delay,) = (each.value for each in simulator.estimates if each.quantity == "delay")
     assert delay == pytest.approx(0.02, abs=1.5e-3)
+
+
+def test_a_valve_lag_that_is_not_declared_is_learnt_and_goals_are_reached(
+    machine: Machine, motion: Motion
+) -> None:
+    simulator = Simulator(machine, plant=machine.with_values({FREQUENCY: SLOW}))
+    assert max(follow(simulator, motion, WAYS)) < TOLERANCE
+    (lag,) = (each.value for each in simulator.estimates if each.quantity == "valve_lag")
+    assert lag == pytest.approx(0.02, abs=5.1e-3)

@@ -422,6 +422,7 @@ PANEL_LABELS = {
     "bulk_modulus": ("bulk modulus [times the file's]", 1.0),
     "pump_lag": ("lag of pumps [ms]", 1e3),
     "delay": ("delay [ms]", 1e3),
+    "valve_lag": ("lag of valves [ms]", 1e3),
 }
 """Label of each drawn quantity, and factor from its SI unit to the unit of the label."""
 

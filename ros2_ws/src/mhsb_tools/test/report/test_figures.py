@@ -105,7 +105,8 @@ def learnt_in(run):
     for k, time_ns in enumerate(times):
         spread, known = 2.0 / (1 + k), k > 4
         values = [Estimate("payload", "", 10.0 + spread, spread, known)]
-        values += [Estimate(name, "", 0.02, 0.01, known) for name in ("pump_lag", "delay")]
+        shared = ("pump_lag", "delay", "valve_lag")
+        values += [Estimate(name, "", 0.02, 0.01, known) for name in shared]
         for actuator in run.machine.actuator_names:
             values += [
                 Estimate(quantity, actuator, 1.0 - 0.1 * spread, 0.1 * spread, known)
