@@ -216,7 +216,7 @@ def evaluate_reference(
 
     At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². The
     accelerations at present and at `command_times` also contain ds/dt times the velocity at full
-    speed. Times ahead of now are multiplied by s before the trajectory is evaluated. Test oracle:
+    speed. Times ahead of now are multiplied by s before the trajectory is evaluated. Tested against
     `Trajectory.sample`.
 
     Args:

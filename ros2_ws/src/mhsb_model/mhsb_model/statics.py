@@ -120,7 +120,7 @@ def compute_chain_gravity_torques(
     coordinate xᵢ of its centre of mass. xⱼ is the x coordinate of joint j, θⱼ the angle of link j,
     and g the acceleration of gravity. The torque τⱼ is positive if the joint must lift.
 
-    Test oracles: the gradient of the potential energy of point masses, and MuJoCo.
+    Tested against the gradient of the potential energy of point masses, and MuJoCo.
 
     Args:
         c: Links and payload.
@@ -194,7 +194,7 @@ def compute_inertia_torques(
     of the link before. ω and ω̇ are the link's angular velocity and acceleration. If joint 1 slews,
     its torque and its centrifugal effect on all others are included.
 
-    Test oracles: the mass matrix and its derivatives, and MuJoCo's qfrc_inverse.
+    Tested against the mass matrix and its derivatives, and MuJoCo's qfrc_inverse.
 
     Args:
         c: Links and payload.

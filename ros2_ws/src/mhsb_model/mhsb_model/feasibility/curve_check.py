@@ -251,7 +251,7 @@ def _find_excesses(
     to the range, but not move farther out on the way. So its limit is then the nearest position to
     the range that its points have reached so far.
 
-    Test oracle: SciPy's BPoly.
+    Tested against SciPy's BPoly.
 
     Args:
         offset_ns: Times of the points after the first one, int64[points], [ns].

@@ -218,7 +218,7 @@ def close_chain(
     There are up to two solutions; `side` selects one. Joint limits are not checked. Whole turns are
     added to each angle, so that it is within half a turn of the middle of its joint's range.
 
-    Test oracle: SciPy's root finder on the forward kinematics.
+    Tested against SciPy's root finder on the forward kinematics.
 
     Args:
         m: Planar machine (without a slewing joint).

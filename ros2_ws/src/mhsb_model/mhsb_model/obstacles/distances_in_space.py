@@ -68,7 +68,7 @@ def compute_line_distance(
     The line from a to b lies in the arm's plane, which the slew turns about the vertical. The
     distance is convex along the line, so a golden-section search finds the least value.
 
-    Test oracles: SciPy's bounded minimisation, and points along the line.
+    Tested against SciPy's bounded minimisation, and points along the line.
 
     Args:
         rows: Obstacle table, float64[rows, ROW_WIDTH].

@@ -333,7 +333,7 @@ def _tabulate_postures(
 ) -> FloatArray:
     """List the postures on a grid of inner joint angles and end-link angles ψ, for turning joints.
 
-    Test oracle: the same samples in plain Python.
+    Tested against the same samples in plain Python.
 
     Args:
         m: Arrays of the machine.

@@ -134,7 +134,7 @@ def _search_near_postures(
     joints keep their start positions. The best posture has the least lower bound on the cost from
     the start.
 
-    Test oracle: the same search in plain Python.
+    Tested against the same search in plain Python.
 
     Args:
         m: Arrays of the machine.

@@ -244,7 +244,7 @@ def bound_goal_costs(
     The bound is `least_move_cost` plus the cost of the mode switches from the modes at the start to
     the modes that hold the arm in the goal posture.
 
-    Test oracle: holding modes in plain Python.
+    Tested against holding modes in plain Python.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -407,7 +407,7 @@ def _compute_powers(
 ) -> None:
     """Compute the powers of pumps, losses and loads in one motion state.
 
-    Test oracle: a calculation by hand.
+    Tested against a calculation by hand.
 
     Args:
         m: Arrays of the machine.
@@ -481,7 +481,7 @@ def _compute_charging_work(
     pumps is not included. If no actuator was on the shared rail before, the actuators that join it
     also charge the rail's volume, in equal parts.
 
-    Test oracle: sums computed by hand.
+    Tested against sums computed by hand.
 
     Args:
         m: Arrays of the machine.

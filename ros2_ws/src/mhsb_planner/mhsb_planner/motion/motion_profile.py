@@ -132,7 +132,7 @@ def _compute_middle_profile(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute the profile of a trajectory half-way in time between its points.
 
-    Test oracle: the profile of states from `Trajectory.sample_many`.
+    Tested against the profile of states from `Trajectory.sample_many`.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -179,7 +179,7 @@ def compute_profile_arrays(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute piston speeds, gravity forces, tip positions and inertia forces of k states.
 
-    Test oracle: the methods of `Machine`.
+    Tested against the methods of `Machine`.
 
     Args:
         m: Arrays of the machine, with its payload.

@@ -206,7 +206,7 @@ def _sample_pistons(
     beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
     on. Ramps may have begun before time 0.
 
-    Test oracle: a numerical convolution of the path.
+    Tested against a numerical convolution of the path.
 
     Args:
         time: Times in ascending order from the start of the motion, shape (k,) [s].

@@ -167,7 +167,7 @@ def _search_first_contact(
     an obstacle if the start is in it, or nearer to it than START_LEEWAY. Until the clearance first
     exceeds START_LEEWAY, it may fall by at most START_LEEWAY.
 
-    Test oracle: clearances at instants 0.2 ms apart.
+    Tested against clearances at instants 0.2 ms apart.
 
     Args:
         m: Arrays of the machine.

@@ -138,7 +138,7 @@ def _measure_states(
 ) -> FloatArray:
     """Compute the quantity of each limit in `STATE_LIMITS` at k motion states.
 
-    Each state has its own modes. Test oracle: the methods of `Machine`.
+    Each state has its own modes. Tested against the methods of `Machine`.
 
     Args:
         m: Arrays of the machine.

@@ -130,7 +130,7 @@ def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, fl
     decrease at T₁, and is 0 again at T₁ + T₂. Before the ramp all three values are 0. After it R =
     t − (T₁ + T₂)/2, ρ = 1 and k = 0.
 
-    Test oracle: a numerical convolution box(T₁) * box(T₂).
+    Tested against a numerical convolution box(T₁) * box(T₂).
 
     Args:
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].

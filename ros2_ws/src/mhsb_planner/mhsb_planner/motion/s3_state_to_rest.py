@@ -221,8 +221,9 @@ def _plan_stop_via_speed(
     Args:
         v: Speed at which the stop begins [m/s].
         v0: Speed at the beginning [m/s].
-        a0: Acceleration at the beginning [m/s²]. If it exceeds a_max in the direction of the change
-            to v, it replaces a_max in this change. The stop keeps a_max.
+        a0: Acceleration at the beginning [m/s²]. The change to the speed v is limited to |a0|
+            instead of a_max if a0 has the direction of this change and exceeds a_max. The stop is
+            limited to a_max.
         a_max: Largest acceleration [m/s²].
         j: Magnitude of the jerk [m/s³].
         jerk: Jerk of each phase, shape (PISTON_PHASES,) [m/s³]. Written in place.

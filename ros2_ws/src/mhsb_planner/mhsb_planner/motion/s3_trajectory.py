@@ -637,7 +637,7 @@ def _compute_uses(
     already be faster there, which slowing cannot change. `fastest` is then raised to USAGE_RESERVE
     times the largest ratio of speed to V_max at the start.
 
-    Test oracle: the same shares computed with NumPy.
+    Tested against the same shares computed with NumPy.
 
     Args:
         speed: Piston speeds at the motion's k + 1 points, shape (k + 1, n) [m/s].

@@ -39,9 +39,9 @@ class Progress:
     def update(self, execution: Execution, now_ns: int) -> None:
         """Update the elapsed share, the time left and the energy.
 
-        `replan.change_ns` is the time at which the plan deviates from the previous plan. Earlier
-        times count as this time, and times after the plan's end count as the plan's end. The energy
-        since the previous update is added.
+        `replan.change_ns` is the time at which the plan deviates from the previous plan. The
+        present time is limited to the range from there to the plan's end. The energy since the
+        previous update is added.
 
         Args:
             execution: Execution of the plan in force.

@@ -171,8 +171,8 @@ def schedule_in_turn(
     - Before the first motion, a quick proposer goes to the head, so it has turn after turn.
     - After the first motion, a quick proposer goes behind the next proposer.
 
-    So a single quick proposer has every second turn after the first motion. Several quick proposers
-    share all turns until only one of them is left.
+    So after the first motion, a single quick proposer has every second turn. As long as there are
+    several quick proposers, each goes behind another quick one, and the rest of the queue waits.
 
     Args:
         first: Proposer at the head of the queue at first. It is not quick.

@@ -307,7 +307,8 @@ def _exclude_samples(
 
     Args:
         sample: Sampled postures, shape (count, n) [rad or m].
-        value: Area of each sample, shape (count,) [m²/s²]. Written in place.
+        value: Area of the velocity polytope at each sample, shape (count,) [m²/s²]. Written in
+            place.
         posture: Posture to compare with, shape (n,) [rad or m].
         unit: Unit of each joint, shape (n,): 1 rad for a turning joint, a length [m] for a sliding
             joint.
@@ -365,7 +366,7 @@ def find_largest_polytopes_of_chain(
     begins at the best samples, and at the best postures of other combinations. The search may miss
     the largest area.
 
-    Test oracle: SLSQP from many starts.
+    Tested against SLSQP from many starts.
 
     Args:
         m: Arrays of the machine.

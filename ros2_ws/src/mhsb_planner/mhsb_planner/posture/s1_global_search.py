@@ -335,7 +335,7 @@ def find_largest_polytopes_3r(
     three turning joints, so its posture has one free coordinate, the end-link angle ψ. Samples of ψ
     are compared, and local maxima that could be the largest are refined.
 
-    Test oracle: a dense scan of ψ on both elbow branches.
+    Tested against a dense scan of ψ on both elbow branches.
 
     Args:
         m: Arrays of the machine.

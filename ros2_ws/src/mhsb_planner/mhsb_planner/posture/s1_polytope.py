@@ -157,7 +157,7 @@ def compute_area_from_limits(
 
         ½ Σ |p × e|
 
-    Test oracle: half-space intersection and convex hull.
+    Tested against half-space intersection and convex hull.
 
     Args:
         cross: Cross products C_i × C_j, shape (n, n) [-].

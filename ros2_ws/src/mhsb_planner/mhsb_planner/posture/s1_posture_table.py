@@ -214,8 +214,8 @@ class PostureTable:
     def _describe_content_problem(self, machine: Machine) -> str | None:
         """Describe the first problem with the numbers of this table.
 
-        Spacing, range of the nodes, mode combinations and joint limits are checked. The arrays must
-        have the right shapes.
+        Spacing, range of the nodes, mode combinations and joint limits are checked. The shapes of
+        the arrays are not: the caller must have checked them.
 
         Args:
             machine: The arm without a slewing joint.

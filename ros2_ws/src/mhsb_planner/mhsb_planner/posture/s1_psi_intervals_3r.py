@@ -179,7 +179,7 @@ def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatAr
     given in the frame of these joints. An interval can be a single point. Its end can be the
     beginning of the next interval.
 
-    Test oracle: a fine scan of ψ.
+    Tested against a fine scan of ψ.
 
     Args:
         m: Arrays of the machine.

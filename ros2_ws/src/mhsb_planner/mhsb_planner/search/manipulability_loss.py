@@ -108,7 +108,7 @@ def compute_step_area_loss(
 
         cost[p] = w₄ |tip(end) − tip(start)| max(0, 1 − A_p/A_ref)
 
-    Test oracle: the `AreaProfile` of a finely divided path.
+    Tested against the `AreaProfile` of a finely divided path.
 
     Args:
         m: Arrays of the machine.

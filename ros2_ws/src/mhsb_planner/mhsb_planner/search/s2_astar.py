@@ -163,7 +163,7 @@ def expand(
     useless in the list is removed without expansion; it still counts towards `limit`. The caller
     must hold the lock `PricedSteps.guard()`.
 
-    Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
+    Tested against scipy.sparse.csgraph.dijkstra on the same graph.
 
     Args:
         open_list: Open list and records of all states. Written in place.

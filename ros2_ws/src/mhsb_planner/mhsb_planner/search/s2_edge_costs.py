@@ -123,7 +123,7 @@ def price_steps(
     inadmissible if a joint that needs boost is not boosted. Combinations that boost further joints
     are admissible only if the neighbour has no other admissible combination.
 
-    Test oracle: steps computed one by one in plain NumPy.
+    Tested against steps computed one by one in plain NumPy.
 
     Args:
         cost_model: Postures, forces, obstacles and hydraulic numbers of the graph.
@@ -268,7 +268,7 @@ def _compute_move_forces(
     """Compute the cylinder forces at the middle of the moves that leave a range of postures.
 
     A move leads straight in joint space from a posture to a posture of a neighbouring node. The
-    rows of a move become NaN if the tip leaves the workspace on the way. Test oracle:
+    rows of a move become NaN if the tip leaves the workspace on the way. Tested against
     `compute_middle_forces`.
 
     Args:

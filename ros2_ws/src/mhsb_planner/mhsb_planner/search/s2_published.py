@@ -53,7 +53,7 @@ class PublishedSearch:
 
     The goal has the index after the last node.
 
-    Test oracle: the same search written with dictionaries, with step costs from the equations.
+    Tested against the same search written with dictionaries, with step costs from the equations.
     """
 
     first_portion, portion = 5, 100

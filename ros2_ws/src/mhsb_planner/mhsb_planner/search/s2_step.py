@@ -384,7 +384,7 @@ def price_steps_to_node(
     consistent if its combination boosts exactly the joints that need boost. If no step is
     consistent, steps that also boost other joints are admitted (STEP_UNNEEDED_BOOST).
 
-    Test oracle: the module's equations in plain NumPy.
+    Tested against the module's equations in plain NumPy.
 
     Args:
         c: Hydraulic coefficients of the machine.

@@ -274,7 +274,7 @@ def compute_least_times(
     turned. A step either turns the slew by one part, or follows one stretch while the slew turns by
     0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an obstacle are not allowed.
 
-    Test oracle: scipy.sparse.csgraph.dijkstra over the same states and steps.
+    Tested against scipy.sparse.csgraph.dijkstra over the same states and steps.
 
     Args:
         m: Arrays of the whole arm, with the slew as joint 1.

@@ -771,7 +771,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
     cylinder forces are computed after the last substep. The pistons displace oil at their speeds.
     The cylinder lengths, which determine the chamber volumes, are constant during the call.
 
-    Test oracle: SciPy's Radau method on the same equations (test/circuit/test_network.py).
+    Tested against SciPy's Radau method on the same equations (test/circuit/test_network.py).
 
     Args:
         circuit: The circuit. Writes pressures, cavities, actuators, modules and counters in place.

@@ -337,8 +337,9 @@ def _record(
 ) -> None:
     """Send all goals to the running nodes, one after the other, while a recorder runs.
 
-    The recorder starts first and ends last. If a goal has a `time`, the next one is sent that long
-    after it. Otherwise the next one is sent at the end of its motion, or at once if it got no plan.
+    The recorder starts first and ends last. A goal may have a `time`, which is the wait until
+    the next goal is sent. Without it, the wait ends with the goal's motion, or at once if the goal
+    got no plan.
 
     Args:
         sender: Node that sends goals and collects verdicts.
