@@ -243,7 +243,14 @@ class InverseCurve:
         self.known_speed = min(learnt.known_speed, float(self.speeds[-1]))
         self._fastest_pair = self.known_speed
 
-    def learn(self, speed: float, command: float, weight: float, spread: float = 0.0) -> None:
+    def learn(
+        self,
+        speed: float,
+        command: float,
+        weight: float,
+        spread: float = 0.0,
+        lowers_slower_knots: bool = False,
+    ) -> None:
         """Update the curve with a measured speed and the command that caused it.
 
         A Kalman filter corrects the commands at all knots, and their covariance. The next call of
@@ -256,6 +263,8 @@ class InverseCurve:
                 pair is independent of earlier pairs, and less if its time window overlaps earlier
                 windows.
             spread: Standard deviation of the command within the time window.
+            lowers_slower_knots: True if slower knots are lowered where this command is too low for
+                an increasing curve; False if the command itself is raised.
         """
         self._stood = 0.0
         self._fastest_pair = max(self._fastest_pair, speed)
@@ -263,18 +272,22 @@ class InverseCurve:
         passed = self.command_at(speed + noise) - self.command_at(max(speed - noise, 0.0))
         share = self._shares(speed)
         deviations = self._settings.command_deviation * self._unit, spread, 0.5 * passed
-        gain = self._correct(share, command, float(np.sum(np.square(deviations))) / weight)
+        kept = int(np.argmax(share)) if lowers_slower_knots else 0
+        gain = self._correct(share, command, float(np.sum(np.square(deviations))) / weight, kept)
         self.covariance -= np.outer(gain, self.covariance @ share)
         known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
         self.known_speed = max(self.known_speed, float(self.speeds[known].max(initial=0.0)))
 
-    def _correct(self, share: FloatArray, command: float, variance: float) -> FloatArray:
+    def _correct(
+        self, share: FloatArray, command: float, variance: float, kept: int = 0
+    ) -> FloatArray:
         """Correct the commands of all knots with one pair of speed and command.
 
         Args:
             share: Weights φ_k of the knots at the speed of the pair, float64[k].
             command: Command of the pair, 0 … 1.
             variance: Variance of the pair's command.
+            kept: Index of the knot that keeps its corrected command (`_keep_increasing`).
 
         Returns:
             Gain: the change of each knot's command per error of the pair's command, float64[k] [-].
@@ -282,7 +295,7 @@ class InverseCurve:
         correlated = self.covariance @ share
         gain = correlated / (share @ correlated + variance)
         self.commands += gain * (command - share @ self.commands)
-        self._keep_increasing(int(np.argmax(share)))
+        self._keep_increasing(kept)
         return gain
 
     def _shares(self, speed: float) -> FloatArray:

@@ -348,7 +348,8 @@ class LagCompensatedAxis:
 
         A window that is longer than `window` resolves lower speeds. Once the valve has driven the
         piston, a standstill in such a window is learnt as any other speed. All commands that acted
-        must lie between the dead band and `max_dead_band`. A dead band is then no longer raised.
+        must lie between the dead band and `max_dead_band`. A dead band is then no longer raised,
+        and a measured command lowers the commands for lower speeds.
         """
         s = self._settings
         time = self._window * self._period
@@ -382,7 +383,7 @@ class LagCompensatedAxis:
         if low * high > 0.0 and (stands or (is_driven and forwards > least)):
             command = float(np.abs(steady[-self._window :]).mean())
             spread = s.spread_share * (high - low)
-            curve.learn(max(forwards, 0.0), command, 1.0 / self._window, spread)
+            curve.learn(max(forwards, 0.0), command, 1.0 / self._window, spread, resolves_slow)
 
     def _learn_dead_band(self, acted: FloatArray) -> None:
         """Raise the dead band of a direction if the piston stands in spite of a command.

@@ -90,7 +90,7 @@ def test_a_dead_band_that_was_taken_too_large_gives_way_to_a_measured_command():
         curve.raise_dead_band(curve.command_at(0.0) + 1e-6, 1.0)
     assert curve.command_at(0.0) > 0.5
     for _ in range(9):
-        curve.learn(slow, 0.31, 1.0)
+        curve.learn(slow, 0.31, 1.0, lowers_slower_knots=True)
     assert curve.command_at(slow) == pytest.approx(0.31, abs=0.006)
     assert curve.command_at(0.0) < curve.command_at(slow)
     straight = np.diff(curve.speeds) / FULL_SPEED
