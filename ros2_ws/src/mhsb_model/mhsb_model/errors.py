@@ -85,7 +85,10 @@ class MachineFileError(MhsbError):
         super().__init__(f"{self.kind} {source}: " + "; ".join(self._list_problems()))
 
     def format_lines(self) -> list[str]:
-        """Format the message: one line for one problem, else a title and one line per problem."""
+        """Format the message: one line for one problem, else a title and one line per problem.
+
+        After MAX_LISTED_PROBLEMS problems, a last line gives the number of the others.
+        """
         listed = self._list_problems()
         if len(listed) == 1:
             return [str(self)]

@@ -168,7 +168,8 @@ class GuardedExecutor(SingleThreadedExecutor):
             service: The service.
 
         Returns:
-            Coroutine function that answers the request; None if the service has been destroyed.
+            Coroutine function that answers the request, or does nothing if the queue was empty.
+            None if the service has been destroyed.
         """
         try:
             with service.handle:

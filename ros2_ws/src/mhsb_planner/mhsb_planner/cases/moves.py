@@ -44,8 +44,6 @@ def list_case_moves(machine: Machine) -> dict[str, Move]:
 
     Raises:
         InfeasibleGoalError: No posture within the joint limits reaches the start of a case.
-        OutOfWorkspaceError: The limits of the slew do not allow the start of a case.
-        RequestError: A case keeps joint 3 at an angle beyond its limits.
     """
     if machine.slews:
         return {}

@@ -511,8 +511,8 @@ def expand(
         known: Data of the lattice points that the search has reached, changed in place.
         deferred: Steps that wait to be priced, changed in place.
         rule: Cost limit, heuristic weight, and `reachability_only`.
-        limit: Largest number of deferred steps and of states to take in this call. A state is taken
-            but not expanded if another state of the same point and a mode switch cost less.
+        limit: Largest number of deferred steps and states together to take in this call. A state is
+            taken but not expanded if another state of the same point and a mode switch cost less.
 
     Returns:
         SEARCH_PAUSED after `limit` steps and states, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no

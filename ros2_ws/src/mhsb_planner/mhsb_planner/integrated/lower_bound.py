@@ -198,7 +198,8 @@ def _compute_cell_bounds(
         w: Working memory, shape (5, n), overwritten.
 
     Returns:
-        Two bounds. The first holds for every posture of the cell; inf if the cell holds none. The
+        Two bounds. The first holds for every posture of the cell. It is inf if interval arithmetic
+        proves that the cell holds no posture; for other cells without a posture it is finite. The
         second is the bound for the posture in the middle of the cell; inf if there is no such
         posture within the joint limits.
     """
@@ -311,8 +312,9 @@ def bound_cost_to_goals(
 ) -> float:
     """Compute a lower bound on the cost of every plan from a start to the goal, in any modes.
 
-    The bound, by branch and bound, is the minimum over all admissible tip positions and all their
-    postures, sampled or not. Mode switches and the manipulability loss do not count.
+    The bound, by branch and bound, is at most BOUND_TOLERANCE (relative) below the minimum over all
+    admissible tip positions and all their postures, sampled or not. Mode switches and the
+    manipulability loss do not count.
 
     Args:
         machine: The arm without a slewing joint.

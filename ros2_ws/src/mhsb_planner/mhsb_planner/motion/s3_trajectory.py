@@ -452,8 +452,9 @@ def _fit_candidate(
     become longer; with `candidate.slows_pieces` only those around the violation.
 
     Pressures, obstacles and the times between points are checked last. If the pressure is too low,
-    the ramps (changes of speed) become longer, up to `candidate.max_ramp_factor`. The curve is also
-    refused if slowing cannot mend a violation, or if the path would have to become too slow.
+    the ramps (changes of speed) become longer, up to `candidate.max_ramp_factor`. After that, the
+    steps become longer if `candidate.stretchable` allows it. The curve is also refused if slowing
+    cannot mend a violation, if the path would have to become too slow, or after MAX_STRETCH_ROUNDS.
 
     Args:
         machine: Machine whose joint limits and workspace are widened to include the start.

@@ -318,7 +318,8 @@ class GoalLifecycle:
         """Handle the arm's report that it refused or dropped a plan.
 
         Only a report on the unconfirmed command (sent, without an answer) has an effect. The goal
-        of this command is then planned for again or ended, and planning begins if a goal waits.
+        of this command is then planned for again or ended, and planning begins if a goal waits. If
+        a stop is under way, it takes its next step instead.
 
         Args:
             stamp_ns: Stamp of the plan [ns].

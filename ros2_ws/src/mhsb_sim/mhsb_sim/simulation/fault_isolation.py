@@ -258,16 +258,17 @@ class JumpingLength(Symptom):
         self._before: Sensed | None = None
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the length reading that has changed most since the readings before.
+        """Find the sensor whose length has changed most, relative to what a sound sensor can show.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
-            Magnitude of this change divided by the largest change of a sound sensor [-], and a
-            clause that names the sensor. The largest change is `farthest_jump` for each watch
-            period between the readings, plus JUMP_NOISE_FACTOR standard deviations of the noise of
-            a difference. The value is 0 in the first sample.
+            Magnitude of the change since the previous readings divided by the largest change of a
+            sound sensor [-], and a clause that names the sensor. The largest change is
+            `farthest_jump` for each watch period between the readings, at least for one, plus
+            JUMP_NOISE_FACTOR standard deviations of the noise of a difference. The value is 0 in
+            the first sample.
         """
         now, before = sample.sensed, self._before or sample.sensed
         self._before = now

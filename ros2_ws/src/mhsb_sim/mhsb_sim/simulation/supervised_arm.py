@@ -49,9 +49,11 @@ class SupervisedArm:
         self._begin()
 
     def _begin(self) -> None:
-        """Return supervision and plan receiver to their initial state, without a fault.
+        """Start supervision anew without a fault, and take plans again.
 
-        All servo pumps are used again. Plans with stamps up to the present time are refused.
+        The arm is no longer `halted`, `last_stop_ns` becomes 0, and all servo pumps are used again.
+        The plan receiver keeps its waiting plan and the stamps that it has seen. Plans with stamps
+        up to the present time are refused.
         """
         self.halted = False
         self.last_stop_ns = 0

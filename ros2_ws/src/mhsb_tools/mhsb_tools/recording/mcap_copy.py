@@ -186,7 +186,7 @@ class McapCopy:
     def _write_chunk(self, chunk: Chunk) -> None:
         """Write a chunk record and the message indexes of its channels.
 
-        Message counts, time span and chunk index for the summary are updated. The checksum of the
+        Message counts and chunk indexes for the summary are updated. The checksum of the
         chunk is computed anew.
 
         Args:

@@ -359,7 +359,8 @@ def compute_highest_tip_speed(machine: Machine, run: Replay) -> float:
 def compute_time_lost(commands: Sequence[Command], run: Replay) -> float:
     """Return by how much the reference reached the end of the last plan later than planned.
 
-    It is later if the guard (reference governor) has slowed the plans.
+    It is later if the guard (reference governor) has slowed the plans. The run must contain the end
+    of the motion.
 
     Args:
         commands: Plans by increasing stamp.
