@@ -19,7 +19,7 @@ from mhsb_tools.errors import TuningError
 from mhsb_tools.study.draws import DrawStudy
 from mhsb_tools.study.scenarios import Scenario
 from mhsb_tools.study.servo_study import PlannedScenario
-from mhsb_tools.study.tune_command import (
+from mhsb_tools.study.tuning import (
     GAIN_RANGES,
     Training,
     Trial,
