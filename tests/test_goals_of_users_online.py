@@ -26,7 +26,7 @@ def test_the_planner_logs_why_a_goal_is_refused(observer, nodes):
     planner = nodes("mhsb_sim", "mhsb_planner")["mhsb_planner"]
     observer.until(lambda: observer.is_matched)
     verdict = observer.request_verdict(*OUTSIDE)
-    planner.wait_for("goal refused with OUT_OF_WORKSPACE: " + re.escape(verdict.sentence))
+    assert planner.wait_for("goal refused with OUT_OF_WORKSPACE: " + re.escape(verdict.sentence))
 
 
 def test_a_region_is_reached_and_points_on_the_way_are_passed(arm):

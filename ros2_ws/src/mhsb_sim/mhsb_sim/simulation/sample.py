@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
@@ -70,7 +71,7 @@ class Finding:
     text: str
 
 
-class Symptom:
+class Symptom(Protocol):
     """A symptom that supervision evaluates every `WATCH_PERIOD_NS`.
 
     Attributes:
@@ -82,7 +83,7 @@ class Symptom:
 
     name: str
     unit: str
-    closes_valves = False
+    closes_valves: bool = False
 
     def __init__(self, machine: Machine) -> None:
         """Prepare the symptom for a machine, without any history."""
@@ -96,4 +97,4 @@ class Symptom:
         Returns:
             Present size of the symptom in its unit, and a clause that names the affected part.
         """
-        raise NotImplementedError
+        ...

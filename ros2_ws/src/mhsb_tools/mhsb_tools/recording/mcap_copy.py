@@ -76,6 +76,7 @@ class McapCopy:
         self._at = 0
         self._checksum: int | None = None
         self._loose = bytearray()
+        # The file is open as long as this object writes.
         self._indexes = tempfile.SpooledTemporaryFile(INDEX_IN_MEMORY)  # noqa: SIM115
         self._others: list[bytes] = []
         self._chunk_count = 0
