@@ -27,7 +27,7 @@ from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
 from mhsb_planner.integrated.search_problem import max_bound_cells
-from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.kernel_parts import compile_planner, list_parts_for_rest
 from mhsb_planner.motion import s3_clearance, s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_limits import keeps_position_limits
@@ -89,8 +89,9 @@ MAX_POSTURE_TURN_RATE = 0.2
 With this limit, the posture follows the goal without jumps.
 """
 
-_warmed_up: set[tuple[str, bool]] = set()
-"""Path planners whose kernels this process has loaded, with True for arms that slew."""
+_compiled: set[tuple[str, bool, bool]] = set()
+"""Path planners whose kernels are compiled; True for arms that slew, and True if they are loaded.
+"""
 
 
 class Planner:
@@ -172,9 +173,8 @@ class Planner:
             brake: Braking along the old path (`mhsb_model.braking`). None means that a moving arm
                 can only steer or coast.
             options: Options of the plan; None means the defaults.
-            deadline: Instant at which the search for cheaper motions ends. The first plan with a
-                deadline in a process compiles all code, and the time for this is added to the
-                deadline.
+            deadline: Instant at which the search for cheaper motions ends. The first plan in a
+                process compiles code on all processors; this time is added to the deadline.
             remainder: Remaining part of the plan in force, with stamp 0; None if no plan is in
                 force. If it ends at the goal, only a motion that is cheaper by MIN_REPLACEMENT_GAIN
                 replaces it. Steering is tried only if the remainder lasts at most
@@ -201,7 +201,7 @@ class Planner:
         options = options or PlanOptions()
         planner = get_planner(options.planner)
         self._check_request(goal, start, deadline, options)
-        deadline = self._exclude_warm_up(options.planner, deadline)
+        deadline = self._compile(options.planner, deadline)
         log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
@@ -253,23 +253,29 @@ class Planner:
         problems = describe_start_problems(self.machine, task.start.position)
         return replace(plan, start_problems=problems)
 
-    def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
-        """Compile and load all code, and postpone a plan's deadline by the time for this.
+    def _compile(self, kind: str, deadline: Deadline) -> Deadline:
+        """Compile code before the first plan in this process, and postpone a deadline by this time.
 
-        This happens only before the first plan with a deadline in this process, once for each path
-        planner.
+        Without a deadline, only kernels for plans from rest are compiled. With a deadline, all
+        kernels are compiled and loaded. Each is done once for each path planner.
 
         Args:
             kind: Name of the path planner.
-            deadline: Deadline of the plan. With NO_DEADLINE nothing is compiled.
+            deadline: Deadline of the plan.
 
         Returns:
-            The later deadline, or the given one if nothing was compiled.
+            The later deadline, or the given one if there was nothing to do.
         """
-        if deadline.instant == math.inf or (kind, self.machine.slews) in _warmed_up:
+        hurried = deadline.instant < math.inf
+        if (kind, self.machine.slews, hurried) in _compiled:
             return deadline
         began = time.monotonic()
-        warm_up(self, [kind])
+        if hurried:
+            warm_up(self, [kind])
+        else:
+            has_obstacles = bool(self.machine.obstacles.names)
+            compile_planner(parts=list_parts_for_rest(kind, has_obstacles=has_obstacles))
+            _compiled.add((kind, self.machine.slews, False))
         return deadline.earlier_by(began - time.monotonic())
 
     def follow(
@@ -465,4 +471,4 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     start = np.array(planner.machine.config.simulation.start_posture)
     describe_overload(planner.machine, planner.graph.table, start)
     planner.machine, planner.graph = machine, graph
-    _warmed_up.update((kind, machine.slews) for kind in kinds)
+    _compiled.update((kind, machine.slews, True) for kind in kinds)

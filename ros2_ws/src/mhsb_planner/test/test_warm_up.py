@@ -139,6 +139,10 @@ start = MotionState.at_rest(machine.config.simulation.start_posture)
 print(planner.plan((0.55, 0.60), start, deadline=Deadline.after(0.3)).planning_time < 0.3)
 """
 
+FIRST_CALL_WITHOUT_DEADLINE = FIRST_CALL.replace(", deadline=Deadline.after(0.3)", "").replace(
+    "< 0.3", "< 3.0"
+)
+
 
 def run_with_table(script, table, folder, *arguments):
     table.save(folder / "table.npz")
@@ -167,6 +171,17 @@ def test_the_parts_of_a_planner_have_all_kernels_of_its_plan_from_rest(
 def test_compiling_does_not_count_against_the_deadline_of_the_first_plan(table, tmp_path):
     done = run_with_table(FIRST_CALL, table, tmp_path)
     assert done.stdout.strip() == "True", done.stderr
+
+
+@pytest.mark.slow
+def test_the_first_plan_in_python_compiles_in_workers_and_not_in_its_planning_time(
+    table, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    done = run_with_table(FIRST_CALL_WITHOUT_DEADLINE, table, tmp_path)
+    assert done.stdout.strip() == "True", done.stderr
+    assert "compiling kernels, once" in done.stderr
 
 
 def test_a_machine_without_boost_is_warmed_up_too():
