@@ -7,11 +7,17 @@ import numpy as np
 from mhsb_model import hydraulics
 from mhsb_model.errors import suggest_unit_of_number
 from mhsb_model.machine import Machine
+from mhsb_model.schema import MachineConfig, Pin
 
 LARGEST_FLOW_RATIO = 50.0
 """Main pump flow over the flow of all cylinders at V_max that is plausible [-].
 
 The suite's machines have at most a few times that flow; a wrong unit is off by a thousand."""
+
+LARGEST_PIN_RATIO = 2.0
+"""Distance of a pin from its joint over the length of the longer link there that is plausible [-].
+
+It is at most 0.92 on the suite's machines; a length in cm is a hundred times too large."""
 
 STEP_TOLERANCE = 1e-6
 """Deviation of a delay from whole steps that counts as rounding, as a share of a step [-]."""
@@ -72,6 +78,7 @@ def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list
             f"hydraulics.main_pump.max_flow {flow:g} m³/s is {flow / needed:.0f} times what all "
             f"cylinders take at V_max ({needed:.3g} m³/s){hint}"
         )
+    doubts += _list_distant_pins(config)
     doubts += _list_unreachable_speeds(machine)
     step, delay = config.simulation.step, config.imperfections.computing_delay
     steps = delay / step
@@ -80,6 +87,31 @@ def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list
             f"imperfections.computing_delay {1e3 * delay:g} ms is no whole number of steps of "
             f"{1e3 * step:g} ms; {1e3 * round(steps) * step:g} ms are simulated, so give that"
         )
+    return doubts
+
+
+def _list_distant_pins(config: MachineConfig) -> list[str]:
+    """List the pins that are much farther from their joint than both links there are long.
+
+    The links are the joint's own and the previous one. The base has no length.
+
+    Args:
+        config: Machine file.
+
+    Returns:
+        One sentence with path, distance and length for each such pin.
+    """
+    doubts, previous = [], 0.0
+    for j, joint in enumerate(config.joints):
+        length = max(previous, joint.link.length)
+        limit, previous = LARGEST_PIN_RATIO * length, joint.link.length
+        for name, pin in joint.linkage:
+            if isinstance(pin, Pin) and pin.radius > limit:
+                doubts.append(
+                    f"joints.{j}.linkage.{name}.radius {pin.radius:g} m is "
+                    f"{pin.radius / length:.3g} times the length of the longer link at that joint "
+                    f"({length:g} m){suggest_unit_of_number(pin.radius, 'm', 0.0, limit)}"
+                )
     return doubts
 
 

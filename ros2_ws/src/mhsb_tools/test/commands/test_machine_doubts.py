@@ -78,6 +78,17 @@ def test_a_main_pump_that_is_far_too_large_is_asked_about_in_another_unit():
     assert "; in L/min? 0.0667 L/min are 1.112e-06 m³/s" in doubt
 
 
+def test_a_pin_that_is_farther_away_than_the_links_are_long_is_asked_about_in_another_unit():
+    excavator = load_machine("excavator")
+    length = excavator.config.joints[1].link.length  # the boom's; the arm is shorter
+    far = excavator.with_values({"joints.2.linkage.child_pin.radius": 2.01 * length})
+    [doubt] = list_doubts(far, 100, 100)
+    assert doubt.startswith(
+        f"joints.2.linkage.child_pin.radius {2.01 * length:.5g} m is 2.01 times "
+    )
+    assert "; in cm or mm? " in doubt
+
+
 def test_a_payload_that_is_held_nowhere_is_a_doubt():
     [doubt] = list_doubts(load_machine("excavator_1to14"), 0, 100)
     assert doubt.endswith("lower payload.mass, or raise pressures or bores")
