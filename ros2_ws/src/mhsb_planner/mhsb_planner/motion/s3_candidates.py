@@ -24,7 +24,7 @@ from mhsb_planner.motion.s3_following import compute_followed_path
 from mhsb_planner.motion.s3_polynomial import compute_node_times, fit_polynomial
 from mhsb_planner.motion.s3_slowing import USAGE_RESERVE
 from mhsb_planner.motion.s3_state_to_rest import Steering, compute_steered_motion
-from mhsb_planner.motion.s4_mode_schedule import DEFAULT_SWITCHING_RULES, StartModes, SwitchingRules
+from mhsb_planner.motion.s4_mode_schedule import MIN_DWELL, StartModes
 from mhsb_planner.motion.trajectory_points import SmoothCurve
 from mhsb_planner.motion.via_check import ViaPoint
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -162,15 +162,12 @@ class FitRules:
             `followed` leaves the polynomial out.
         polynomial_only: True if no other curve is tried when the polynomial breaks a limit.
         stepped: True if the path may be followed step by step, with a rest at every node.
-        switching: Rules for switching modes.
         ramp_factor: Factor on the duration of the shortest ramps that is tried first [-].
         max_ramp_factor: Largest such factor [-]. Ramps become longer if the pressure is too low.
         last_ramp_factor: Further factor on the duration of the motion's last ramp [-].
         max_stretch: Largest factor on a curve's duration, as a multiple of the factor that is tried
             first [-].
         max_excess: Largest excess of a piston speed, |v|/V_max − 1 [-].
-        max_overrun: Distance by which a piston may travel farther in its initial direction than
-            braking and the path need [m].
         min_duration: Shortest duration to which the discrete path is stretched [s].
         via_points: Via points that the tip must pass on its way.
     """
@@ -178,13 +175,11 @@ class FitRules:
     trajectory: TrajectoryKind = "polynomial"
     polynomial_only: bool = False
     stepped: bool = True
-    switching: SwitchingRules = DEFAULT_SWITCHING_RULES
     ramp_factor: float = 1.0
     max_ramp_factor: float = 8.0
     last_ramp_factor: float = 1.0
     max_stretch: float = 3.0
     max_excess: float = 0.1
-    max_overrun: float = 2e-3
     min_duration: float = 0.0
     via_points: tuple[ViaPoint, ...] = ()
 
@@ -294,7 +289,7 @@ def iterate_candidates(
             return
     if coast is not None:
         yield _create_ramped(machine, path, start, None, coast, rules)
-    youngest = rules.switching.min_dwell - float(modes.age.min())
+    youngest = MIN_DWELL - float(modes.age.min())
     lead_ins = [("", brake)]
     if youngest > 0.0:
         waited = (brake or standstill(start.position)).with_rest(round(youngest * SECOND_NS))

@@ -76,7 +76,7 @@ from mhsb_planner.motion.s3_slowing import (
     spread_over_steps,
 )
 from mhsb_planner.motion.s3_state_to_rest import Steering
-from mhsb_planner.motion.s4_mode_schedule import N, ScheduledMotion, StartModes
+from mhsb_planner.motion.s4_mode_schedule import MIN_DWELL, N, ScheduledMotion, StartModes
 from mhsb_planner.motion.trajectory_points import join_trajectories, sample_curve
 from mhsb_planner.motion.via_check import describe_first_missed
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
@@ -100,6 +100,11 @@ ACCEPTED_LIMIT_USE = 1.0001
 """Largest used share of the limits, reserve included, if a longer duration has no effect [-].
 
 A longer duration may have no effect because ramp times are multiples of RAMP_TIME_STEP."""
+
+MAX_OVERRUN = 2e-3
+"""Distance by which a piston may travel farther in its initial direction than braking and the path
+need [m].
+"""
 
 MAX_STRETCH_ROUNDS = 8
 """Number of times that a curve is stretched before it is refused."""
@@ -215,23 +220,21 @@ def fit_remainder(
 
     Raises:
         FitError: The trajectory breaks a limit of the machine, or an actuator is switched twice
-            within `rules.switching.min_dwell`.
+            within MIN_DWELL.
         DeadlineError: The deadline passed.
     """
-    motion = fit_braking(machine, remainder, modes, rules)
+    motion = fit_braking(machine, remainder, modes)
     if motion.speed_excess > rules.max_excess:
         raise FitError((f"a piston would pass V_max by {100 * motion.speed_excess:.3g} %",))
     if not motion.scheduled.keeps_dwell:
-        raise FitError((f"an actuator is switched twice within {rules.switching.min_dwell:g} s",))
+        raise FitError((f"an actuator is switched twice within {MIN_DWELL:g} s",))
     violation = find_first_violation(machine, motion.trajectory, motion.schedule, deadline)
     if violation is not None:
         raise FitError((str(violation),))
     return replace(motion, method=FitMethod.CONTINUED, braked=False)
 
 
-def fit_braking(
-    machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
-) -> FittedMotion:
+def fit_braking(machine: Machine, brake: Trajectory, modes: StartModes) -> FittedMotion:
     """Add a mode schedule to a braking trajectory, and return both as a motion.
 
     Limits are not checked. A standstill is added at the end if the actuators need time to switch
@@ -241,13 +244,11 @@ def fit_braking(
         machine: Machine that moves.
         brake: Braking trajectory; the result has stamp 0.
         modes: Modes in force at the beginning, and time since each actuator's last switch.
-        rules: Settings; only the rules for switching have an effect. None means the defaults.
 
     Returns:
         Motion with stamp 0, method BRAKING, stretch 1 and deviations 0. Its `middles` is None.
     """
-    rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
-    scheduled = ScheduledMotion.create(machine, motion, modes, None, rules.switching)
+    scheduled = ScheduledMotion.create(machine, brake.shifted(-brake.stamp_ns), modes)
     return FittedMotion(machine, scheduled, FitMethod.BRAKING, braked=True)
 
 
@@ -559,13 +560,13 @@ def _schedule_curve(
         trajectory, first = join_trajectories(lead_in, trajectory), len(lead_in.offset_ns) - 1
     deadline.check(FIT_TASK)
     position = trajectory.position[first:]
-    if passed := _describe_passed_limit(machine, limits, candidate, position, rules):
+    if passed := _describe_passed_limit(machine, limits, candidate, position):
         return passed
     time = trajectory.offset_ns / SECOND_NS
     preferred = _assign_step_modes(path.modes, curve.node_time, time, first)
-    scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
+    scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred)
     if not scheduled.keeps_dwell:
-        return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
+        return f"an actuator is switched twice within {MIN_DWELL:g} s"
     if rules.via_points:
         slew = scheduled.trajectory.position[:, 0]
         tip = machine.convert_to_base(scheduled.profile.tip, slew)
@@ -596,7 +597,6 @@ def _describe_passed_limit(
     limits: MachineArrays,
     candidate: CurveCandidate,
     position: FloatArray,
-    rules: FitRules,
 ) -> str:
     """Describe by how much a curve passes a joint limit, or moves a piston too far.
 
@@ -605,9 +605,8 @@ def _describe_passed_limit(
         limits: Arrays of the machine with the joint limits. A joint that starts beyond a limit must
             not move farther out.
         candidate: Curve that is tried. If its `furthest_travel` is set, pistons may exceed this
-            travel by at most `rules.max_overrun`.
+            travel by at most MAX_OVERRUN.
         position: Joint positions at the sampled points, shape (m, n) [rad or m].
-        rules: Settings of the fit, with `max_overrun`.
 
     Returns:
         Clause that says by how much the curve goes too far; empty if it does not go too far.
@@ -617,7 +616,7 @@ def _describe_passed_limit(
         return f"a joint limit is passed by {beyond:.3g} rad or m"
     if candidate.furthest_travel is not None:
         overrun = _compute_overrun(machine, candidate.start, position, candidate.furthest_travel)
-        if overrun > rules.max_overrun:
+        if overrun > MAX_OVERRUN:
             return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
     return ""
 

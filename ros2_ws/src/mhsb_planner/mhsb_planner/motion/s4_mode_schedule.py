@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -52,32 +51,24 @@ NEED_FACTOR = 1.005
 
 It covers higher speeds and forces between the points."""
 
+MIN_DWELL = 0.3
+"""Least time between two switches of an actuator [s]."""
+BOOST_LEAD = 0.1
+"""Time by which boost begins before it is needed [s]."""
+MAX_VALVE_HOLD = 1.0
+"""Longest time for which the closed valve alone may hold a load that is too heavy for the main
+pump's pressure [s].
+"""
+
 _ROUNDING = 1e-9
 """Difference of times that counts as rounding [s]."""
+_LEAST_RUN = MIN_DWELL - _ROUNDING
+"""Duration from which on a run of equal modes counts as long enough [s]."""
 
 N, DB, SB = int(Mode.N), int(Mode.DB), int(Mode.SB)
 
 # States beside the intervals that `_enforce_lead_and_dwell` may change; see its argument `beside`.
 _OFF, _ON, _EDGE = 0, 1, 2
-
-
-class SwitchingRules(NamedTuple):
-    """Rules for switching modes.
-
-    Attributes:
-        min_dwell: Least time between two switches of an actuator [s].
-        lead: Time by which boost begins before it is needed [s].
-        max_hold: Longest time for which the closed valve alone may hold a load that is too heavy
-            for the main pump's pressure [s].
-    """
-
-    min_dwell: float = 0.3
-    lead: float = 0.1
-    max_hold: float = 1.0
-
-
-DEFAULT_SWITCHING_RULES = SwitchingRules()
-"""Rules by which all planners switch modes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,16 +124,15 @@ def compute_interval_modes(
     start: StartModes,
     hold: ModeArray,
     preferred: ModeArray | None = None,
-    rules: SwitchingRules = DEFAULT_SWITCHING_RULES,
 ) -> ModeArray:
     """Compute the modes of all actuators between the instants of a motion profile.
 
     An actuator is boosted if the main pump's pressure is too low to move, hold or accelerate its
     load. An actuator that only holds its load for a short time is not boosted, since its closed
-    valve holds the load. Boost begins `rules.lead` before it is needed and lasts at least
-    `rules.min_dwell`. A boosted actuator gets mode SB (shared rail) if its flow exceeds that of one
-    servo pump, or if `preferred` says SB. Otherwise it gets DB (own servo pump). Modes in force at
-    the start stay in force until the actuator may be switched again.
+    valve holds the load. Boost begins BOOST_LEAD before it is needed and lasts at least MIN_DWELL.
+    A boosted actuator gets mode SB (shared rail) if its flow exceeds that of one servo pump, or if
+    `preferred` says SB. Otherwise it gets DB (own servo pump). Modes in force at the start stay in
+    force until the actuator may be switched again.
 
     If too few booster modules are fitted, SB becomes DB. After that, DB becomes N for actuators
     that move and hold their loads without boost. If this does not suffice, the result still needs
@@ -156,7 +146,6 @@ def compute_interval_modes(
         hold: Modes in which the arm rests after the last instant, shape (n,).
         preferred: Modes that the search for the discrete path chose at each instant, shape (k, n).
             Only SB has an effect. None means no preference.
-        rules: Rules for switching.
 
     Returns:
         Mode codes of the intervals between the instants, shape (k - 1, n); no rows if there is only
@@ -176,31 +165,22 @@ def compute_interval_modes(
         start.modes,
         start.age,
         hold,
-        rules,
     )
 
 
-def keeps_dwell(
-    time: FloatArray,
-    modes: ModeArray,
-    start: StartModes,
-    hold: ModeArray,
-    rules: SwitchingRules = DEFAULT_SWITCHING_RULES,
-) -> bool:
-    """Return whether every actuator keeps the least time between two mode switches.
+def keeps_dwell(time: FloatArray, modes: ModeArray, start: StartModes, hold: ModeArray) -> bool:
+    """Return whether every actuator keeps MIN_DWELL, the least time between two mode switches.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
         modes: Mode codes between the instants, shape (k - 1, n).
         start: Modes in force before the first instant, and time since each actuator's last switch.
         hold: Modes from the last instant on, shape (n,).
-        rules: Rules for switching, with the least time `min_dwell`.
 
     Returns:
         True if the time is kept; the last switch before the first instant is included.
     """
-    least = rules.min_dwell - _ROUNDING
-    return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
+    return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= _LEAST_RUN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,14 +208,12 @@ class ScheduledMotion:
         trajectory: Trajectory,
         start: StartModes,
         preferred: ModeArray | None = None,
-        rules: SwitchingRules = DEFAULT_SWITCHING_RULES,
     ) -> ScheduledMotion:
         """Compute the modes of a trajectory, with a standstill at its end if switches need time.
 
-        Each mode must last at least `rules.min_dwell`. If a mode lasts less, a standstill of 2
-        `rules.min_dwell` is added at the trajectory's end, and all modes are computed again. The
-        standstill gives room to switches near the trajectory's end, but not to switches far from
-        the end.
+        Each mode must last at least MIN_DWELL. If a mode lasts less, a standstill of 2 MIN_DWELL is
+        added at the trajectory's end, and all modes are computed again. The standstill gives room
+        to switches near the trajectory's end, but not to switches far from the end.
 
         Args:
             machine: Machine with its hydraulics and modules.
@@ -244,21 +222,20 @@ class ScheduledMotion:
             preferred: Modes that the search for the discrete path chose, at each point, shape
                 (points, n). Only SB has an effect: an actuator that needs boost then gets SB. None
                 means no preference.
-            rules: Rules for switching.
 
         Returns:
             Trajectory with its profile and its modes, and with the standstill if it was needed.
-            `keeps_dwell` of the result is False if a mode lasts less than `rules.min_dwell` in
-            spite of the standstill.
+            `keeps_dwell` of the result is False if a mode lasts less than MIN_DWELL in spite of the
+            standstill.
         """
-        once = cls._create_without_rest(machine, trajectory, start, preferred, rules)
+        once = cls._create_without_rest(machine, trajectory, start, preferred)
         if once.keeps_dwell:
             return once
-        rested = trajectory.with_rest(round(2 * rules.min_dwell * SECOND_NS))
+        rested = trajectory.with_rest(round(2 * MIN_DWELL * SECOND_NS))
         if preferred is not None:
             rest = len(rested.offset_ns) - len(preferred)
             preferred = np.vstack([preferred, np.repeat(preferred[-1:], rest, axis=0)])
-        return cls._create_without_rest(machine, rested, start, preferred, rules)
+        return cls._create_without_rest(machine, rested, start, preferred)
 
     @classmethod
     def _create_without_rest(
@@ -267,7 +244,6 @@ class ScheduledMotion:
         trajectory: Trajectory,
         start: StartModes,
         preferred: ModeArray | None,
-        rules: SwitchingRules,
     ) -> ScheduledMotion:
         """Compute the modes of a trajectory that stays as it is.
 
@@ -278,19 +254,18 @@ class ScheduledMotion:
             preferred: Modes that the search for the discrete path chose, at each point, shape
                 (points, n). Only SB has an effect: an actuator that needs boost then gets SB. None
                 means no preference.
-            rules: Rules for switching.
 
         Returns:
             Trajectory with its profile and its modes. Its `keeps_dwell` is False if an actuator is
-            switched twice within `rules.min_dwell`.
+            switched twice within MIN_DWELL.
         """
         profile = compute_motion_profile(
             machine, trajectory.position, trajectory.velocity, trajectory.acceleration
         )
         time = trajectory.offset_ns / SECOND_NS
         hold = choose_stop_modes(machine, profile.force[-1], start.modes)
-        modes = compute_interval_modes(machine, time, profile, start, hold, preferred, rules)
-        kept = keeps_dwell(time, modes, start, hold, rules)
+        modes = compute_interval_modes(machine, time, profile, start, hold, preferred)
+        kept = keeps_dwell(time, modes, start, hold)
         return cls(trajectory, profile, modes, hold, kept)
 
     @cached_property
@@ -334,15 +309,14 @@ def _choose_interval_modes(
     start: ModeArray,
     age: FloatArray,
     hold: ModeArray,
-    rules: SwitchingRules,
 ) -> ModeArray:
     """Compute the modes of all actuators between the instants of a motion.
 
     First, the intervals in which an actuator needs boost are determined. If boost would only hold a
     load for a short time, it is dropped, since the closed valve holds the load. Then boost, and
-    shared boost (SB), begin earlier by `rules.lead` and are lengthened to `rules.min_dwell`. Boost
-    at the start stays as it is until `age` has reached `rules.min_dwell`. Last, boost is reduced if
-    too few booster modules are fitted. Some intervals may still use too many modules.
+    shared boost (SB), begin earlier by BOOST_LEAD and are lengthened to MIN_DWELL. Boost at the
+    start stays as it is until `age` has reached MIN_DWELL. Last, boost is reduced if too few
+    booster modules are fitted. Some intervals may still use too many modules.
 
     Tests check the result against each rule.
 
@@ -358,7 +332,6 @@ def _choose_interval_modes(
         start: Modes in force at the first instant, shape (n,).
         age: Time since the last switch of each actuator, shape (n,) [s].
         hold: Modes after the last instant, shape (n,).
-        rules: Rules for switching.
 
     Returns:
         Mode codes of the intervals between the instants, shape (k - 1, n).
@@ -377,18 +350,18 @@ def _choose_interval_modes(
         for i in range(intervals):
             on[i] = need[i] or need[i + 1]
             demand[i, j] = NEED_FACTOR * max(flow[i], flow[i + 1])
-        _drop_short_holds(time, on, lifts, rules.max_hold, BOOSTED_MODES[hold[j]])
+        _drop_short_holds(time, on, lifts, BOOSTED_MODES[hold[j]])
         copy_row(needed[:, j], on)
         lacks = _lacks_pressure_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
 
-        free[j] = _find_first_free_interval(time, age[j], rules.min_dwell)
+        free[j] = _find_first_free_interval(time, age[j])
         for i in range(intervals):
             sharing[i] = demand[i, j] > one_pump or preferred[i, j] == SB
-        _time_boosts(time, on, shared, sharing, free[j], start[j], hold[j], rules)
+        _time_boosts(time, on, shared, sharing, free[j], start[j], hold[j])
         _write_modes(modes[:, j], on, shared)
-    _reduce_to_module_budget(m, time, modes, demand, needed, free, rules.min_dwell)
+    _reduce_to_module_budget(m, time, modes, demand, needed, free)
     return modes
 
 
@@ -401,12 +374,11 @@ def _time_boosts(
     free: int,
     start: int,
     hold: int,
-    rules: SwitchingRules,
 ) -> None:
     """Determine in which intervals an actuator is boosted, and in which the boost is shared (SB).
 
-    Boost begins earlier than it is needed, by `rules.lead`. Runs of boost and of shared boost are
-    lengthened to `rules.min_dwell`. Before interval `free` the mode of the start stays in force.
+    Boost begins earlier than it is needed, by BOOST_LEAD. Runs of boost and of shared boost are
+    lengthened to MIN_DWELL. Before interval `free` the mode of the start stays in force.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
@@ -418,22 +390,21 @@ def _time_boosts(
         free: First interval in which the actuator may leave the mode of the start.
         start: Mode code at the first instant.
         hold: Mode code after the last instant.
-        rules: Rules for switching.
     """
-    intervals, dwell = len(on), rules.min_dwell
+    intervals = len(on)
     on[:free] = BOOSTED_MODES[start]
     boost_beside = (_ON if BOOSTED_MODES[start] else _OFF, _ON if BOOSTED_MODES[hold] else _OFF)
     beside = (_ON if start == SB else _OFF, _OFF)
-    for ahead in (rules.lead, 0.0):  # a lengthened SB run may lengthen its boost run
+    for ahead in (BOOST_LEAD, 0.0):  # a lengthened SB run may lengthen its boost run
         for i in range(intervals):
             shared[i] = on[i] and (start == SB if i < free else sharing[i])
-        _enforce_lead_and_dwell(time, shared, free, intervals, 0.0, dwell, beside)
+        _enforce_lead_and_dwell(time, shared, free, intervals, 0.0, beside)
         for i in range(intervals):
             on[i] = on[i] or shared[i]
-        _enforce_lead_and_dwell(time, on, free, intervals, ahead, dwell, boost_beside)
+        _enforce_lead_and_dwell(time, on, free, intervals, ahead, boost_beside)
     for i in range(free, intervals):
         shared[i] = on[i] and sharing[i]
-    _enforce_shared_boost_dwell(time, on, shared, free, rules, start, hold)
+    _enforce_shared_boost_dwell(time, on, shared, free, start, hold)
 
 
 @kernel
@@ -451,22 +422,21 @@ def _write_modes(modes: ModeArray, on: np.ndarray, shared: np.ndarray) -> None:
 
 
 @kernel
-def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int:
+def _find_first_free_interval(time: FloatArray, age: float) -> int:
     """Find the first interval in which an actuator may leave the mode of the start.
 
-    This is allowed after the mode has been in force for the time `dwell`. Interval i lasts from
+    This is allowed after the mode has been in force for MIN_DWELL. Interval i lasts from
     instant i to instant i + 1.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
         age: Time since the actuator's last switch, at the first instant [s].
-        dwell: Least time between two switches [s].
 
     Returns:
         Index of the interval; k - 1, the number of intervals, if there is none.
     """
     i = 0
-    while i < len(time) - 1 and time[i] - time[0] < dwell - age - _ROUNDING:
+    while i < len(time) - 1 and time[i] - time[0] < MIN_DWELL - age - _ROUNDING:
         i += 1
     return i
 
@@ -570,25 +540,24 @@ def _find_run_end(on: np.ndarray, first: int, last: int) -> int:
 
 @kernel
 def _drop_short_holds(
-    time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
+    time: FloatArray, on: np.ndarray, lifts: np.ndarray, held_after: bool
 ) -> None:
     """Remove boost (supply by servo pumps) that only holds a load for a short time.
 
     The closed valve holds the load instead. A run is an unbroken sequence of intervals with boost.
-    It stays if it contains a motion against the load, or if it lasts `longest` or more. It also
-    stays if it reaches the last instant and `held_after` is True.
+    It stays if it contains a motion against the load, or if it lasts MAX_VALVE_HOLD or more. It
+    also stays if it reaches the last instant and `held_after` is True.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
         on: True for each interval with boost, shape (k - 1,). Written in place.
         lifts: True at each instant at which the piston moves against the load, shape (k,).
-        longest: Duration from which on a run stays [s].
         held_after: True if the actuator is boosted after the last instant.
     """
     first = 0
     while first < len(on):
         end = _find_run_end(on, first, len(on))
-        lasting = time[end] - time[first] >= longest or (end == len(on) and held_after)
+        lasting = time[end] - time[first] >= MAX_VALVE_HOLD or (end == len(on) and held_after)
         if on[first] and not lasting and not lifts[first : end + 1].any():
             on[first:end] = False
         first = end
@@ -601,15 +570,14 @@ def _enforce_lead_and_dwell(
     first: int,
     last: int,
     lead: float,
-    dwell: float,
     beside: tuple[int, int],
 ) -> None:
     """Let each run of True values begin earlier, lengthen short runs, and close short gaps.
 
     A run is a sequence of intervals that are True. A gap is a sequence of intervals that are False.
-    First the beginning of each run is moved earlier by `lead`. Then runs shorter than `dwell` are
+    First the beginning of each run is moved earlier by `lead`. Then runs shorter than MIN_DWELL are
     lengthened, first at the end and, if there is no more room, at the beginning. Last, gaps shorter
-    than `dwell` become True.
+    than MIN_DWELL become True.
 
     Args:
         time: Limits of the intervals; interval i lasts from time[i] to time[i + 1], [s].
@@ -617,7 +585,6 @@ def _enforce_lead_and_dwell(
         first: First interval that may change.
         last: Last interval that may change, plus 1.
         lead: Time by which each run begins earlier [s].
-        dwell: Least length of runs and gaps [s].
         beside: State before interval `first`, and state from interval `last` on. _ON: a run that
             touches this end counts as long enough. _OFF: a gap that touches this end is not closed.
             _EDGE: runs and gaps at this end are treated like all others.
@@ -634,10 +601,10 @@ def _enforce_lead_and_dwell(
         end = _find_run_end(on, i, last)
         touches = (i == first and before == _ON) or (end == last and after == _ON)
         if on[i] and not touches:
-            while end < last and time[end] - time[i] < dwell - _ROUNDING:
+            while end < last and time[end] - time[i] < _LEAST_RUN:
                 end += 1
             start = i
-            while start > first and time[end] - time[start] < dwell - _ROUNDING:
+            while start > first and time[end] - time[start] < _LEAST_RUN:
                 start -= 1
             on[start:end] = True
         i = end
@@ -646,7 +613,7 @@ def _enforce_lead_and_dwell(
     while i < last:
         end = _find_run_end(on, i, last)
         stays = (i == first and before == _OFF) or (end == last and after == _OFF)
-        if not on[i] and not stays and time[end] - time[i] < dwell - _ROUNDING:
+        if not on[i] and not stays and time[end] - time[i] < _LEAST_RUN:
             on[i:end] = True
         i = end
 
@@ -657,29 +624,26 @@ def _enforce_shared_boost_dwell(
     on: np.ndarray,
     shared: np.ndarray,
     free: int,
-    rules: SwitchingRules,
     start: int,
     hold: int,
 ) -> None:
     """Adjust the intervals of boost in mode SB so that SB and DB each last long enough.
 
     A boosted actuator is in mode SB (shared rail) or DB (own servo pump). A run is a sequence of
-    boosted intervals, with parts in SB and parts in DB. A run shorter than `rules.min_dwell`
-    becomes DB as a whole, unless SB is in force just before or after it. In all other runs, SB
-    parts begin earlier by `rules.lead`. SB parts shorter than `rules.min_dwell` are lengthened at
-    their end, and if this is not enough, at their beginning. Then DB parts shorter than
-    `rules.min_dwell` become SB. The intervals before `free` stay as they are.
+    boosted intervals, with parts in SB and parts in DB. A run shorter than MIN_DWELL becomes DB as
+    a whole, unless SB is in force just before or after it. In all other runs, SB parts begin
+    earlier by BOOST_LEAD. SB parts shorter than MIN_DWELL are lengthened at their end, and if this
+    is not enough, at their beginning. Then DB parts shorter than MIN_DWELL become SB. The intervals
+    before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
         on: True for each interval with boost, DB or SB, shape (k - 1,).
         shared: True for each interval with SB, shape (k - 1,). Written in place.
         free: First interval in which the actuator may be switched.
-        rules: Rules for switching.
         start: Mode in force before the first interval.
         hold: Mode in force after the last interval.
     """
-    lead, dwell = rules.lead, rules.min_dwell
     first = 0
     while first < len(on):
         end = _find_run_end(on, first, len(on))
@@ -690,10 +654,10 @@ def _enforce_shared_boost_dwell(
                 before = _ON if start == SB else _OFF
             if end == len(on) and BOOSTED_MODES[hold]:
                 after = _ON if hold == SB else _OFF
-            if before != _ON and after != _ON and time[end] - time[begin] < dwell - _ROUNDING:
+            if before != _ON and after != _ON and time[end] - time[begin] < _LEAST_RUN:
                 shared[begin:end] = False
             if shared[begin:end].any() or before == _ON:
-                _enforce_lead_and_dwell(time, shared, begin, end, lead, dwell, (before, after))
+                _enforce_lead_and_dwell(time, shared, begin, end, BOOST_LEAD, (before, after))
         first = end
 
 
@@ -705,15 +669,14 @@ def _reduce_to_module_budget(
     demand: FloatArray,
     needed: np.ndarray,
     free: IntArray,
-    dwell: float,
 ) -> None:
     """Reduce boost in intervals whose modes use more booster modules than are fitted.
 
     A run is a sequence of intervals in which an actuator has one mode. For each interval, the run
     in mode SB (shared rail) with the least peak flow becomes DB (own servo pump). This is repeated
     until the modules suffice or no run is left. Then DB becomes N (main pump alone) in intervals in
-    which `needed` is False. No change makes a run shorter than `dwell`. An interval may still use
-    too many modules at the end.
+    which `needed` is False. No change makes a run shorter than MIN_DWELL. An interval may still
+    use too many modules at the end.
 
     Args:
         m: Arrays of the machine.
@@ -724,7 +687,6 @@ def _reduce_to_module_budget(
             shape (k - 1, n).
         free: First interval in which each actuator may be switched, shape (n,). Earlier intervals
             do not change.
-        dwell: Least time between two switches [s].
     """
     intervals, n = modes.shape
     for i in range(intervals):
@@ -738,7 +700,7 @@ def _reduce_to_module_budget(
                 a, b = _extend_run(modes, i, i + 1, j, SB)
                 a = max(a, free[j])
                 peak = demand[a:b, j].max()
-                if peak < least and _keeps_dwell_after_change(time, modes, a, b, j, DB, dwell):
+                if peak < least and _keeps_dwell_after_change(time, modes, a, b, j, DB):
                     loser, least, first, last = j, peak, a, b
             if loser >= 0:
                 modes[first:last, loser] = DB
@@ -752,7 +714,7 @@ def _reduce_to_module_budget(
                     first -= 1
                 while last < b and not needed[last, j]:
                     last += 1
-                if _keeps_dwell_after_change(time, modes, first, last, j, N, dwell):
+                if _keeps_dwell_after_change(time, modes, first, last, j, N):
                     modes[first:last, j] = N
                     loser = j
                     break
@@ -783,7 +745,7 @@ def _extend_run(modes: ModeArray, first: int, last: int, j: int, mode: int) -> t
 
 @kernel
 def _keeps_dwell_after_change(
-    time: FloatArray, modes: ModeArray, first: int, last: int, j: int, mode: int, dwell: float
+    time: FloatArray, modes: ModeArray, first: int, last: int, j: int, mode: int
 ) -> bool:
     """Return whether an actuator's modes still last long enough after a change of its mode.
 
@@ -798,22 +760,20 @@ def _keeps_dwell_after_change(
         last: Last interval to change, plus 1.
         j: Index of the actuator.
         mode: New mode of these intervals.
-        dwell: Least time between two switches [s].
 
     Returns:
-        True if the change keeps the least time between two switches.
+        True if the change keeps MIN_DWELL.
     """
     a, b = _extend_run(modes, first, last, j, mode)
-    least = dwell - _ROUNDING
-    if a > 0 and b < len(modes) and time[b] - time[a] < least:
+    if a > 0 and b < len(modes) and time[b] - time[a] < _LEAST_RUN:
         return False
     if a > 0:
         c, _ = _extend_run(modes, a - 1, a, j, modes[a - 1, j])
-        if c > 0 and time[a] - time[c] < least:
+        if c > 0 and time[a] - time[c] < _LEAST_RUN:
             return False
     if b < len(modes):
         _, c = _extend_run(modes, b, b + 1, j, modes[b, j])
-        if c < len(modes) and time[c] - time[b] < least:
+        if c < len(modes) and time[c] - time[b] < _LEAST_RUN:
             return False
     return True
 

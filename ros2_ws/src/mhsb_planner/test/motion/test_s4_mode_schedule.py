@@ -14,10 +14,10 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.s4_mode_schedule import (
-    DEFAULT_SWITCHING_RULES,
+    BOOST_LEAD,
+    MIN_DWELL,
     ScheduledMotion,
     StartModes,
-    SwitchingRules,
     compute_interval_modes,
     keeps_dwell,
 )
@@ -38,10 +38,10 @@ def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)
     return time, MotionProfile(speeds, forces, np.zeros((len(time), 2)), inertias, 0.0 * speeds)
 
 
-def scheduled(machine, time, motion, start, preferred=None, rules=DEFAULT_SWITCHING_RULES):
+def scheduled(machine, time, motion, start, preferred=None):
     """The modes between the instants of a motion that ends in its holding modes."""
     hold = choose_holding_modes(machine, motion.force[-1])
-    return compute_interval_modes(machine, time, motion, start, hold, preferred, rules)
+    return compute_interval_modes(machine, time, motion, start, hold, preferred)
 
 
 def lifts(begin, end):
@@ -199,12 +199,11 @@ def test_where_modules_are_short_the_least_demand_gives_way(machine):
     assert modes[0].tolist() == [SB, DB, DB]
 
 
-def test_lead_and_dwell_are_parameters(machine):
-    rules = SwitchingRules(min_dwell=0.8, lead=0.3)
+def test_a_short_boost_begins_with_its_lead_and_lasts_the_dwell(machine):
     time, motion = profile(5, [0.006, 0.0, 0.0], lifts(2.0, 2.1))
-    found = runs(scheduled(machine, time, motion, NORMAL, rules=rules), time)
-    assert found[1][1] == pytest.approx(1.7, abs=0.05)
-    assert found[1][2] - found[1][1] == pytest.approx(0.8, abs=0.05)
+    found = runs(scheduled(machine, time, motion, NORMAL), time)
+    assert found[1][1] == pytest.approx(2.0 - BOOST_LEAD, abs=0.05)
+    assert found[1][2] - found[1][1] == pytest.approx(MIN_DWELL, abs=0.05)
 
 
 def test_a_schedule_begins_with_the_trajectory_and_ends_with_its_holding_modes(machine):
