@@ -26,7 +26,6 @@ from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
-from mhsb_planner.integrated.search_problem import max_bound_cells
 from mhsb_planner.kernel_parts import compile_planner, list_parts_for_rest
 from mhsb_planner.motion import s3_clearance, s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
@@ -249,7 +248,7 @@ class Planner:
         deadline.check("planning")
         plan = loop.choose_best(paths_from_anywhere(source, self.graph.table, task, loop.progress))
         if plan.motion.method != FitMethod.BRAKING:
-            plan = replace(plan, lower_bound=source.bound(task, max_bound_cells(loop.progress)))
+            plan = replace(plan, lower_bound=source.bound(task, loop.progress))
         problems = describe_start_problems(self.machine, task.start.position)
         return replace(plan, start_problems=problems)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -105,25 +105,7 @@ that the caller can try something else.
 """
 
 
-@dataclass
-class SearchWork:
-    """Work done by the lattice searches of one request.
-
-    Attributes:
-        expanded: Number of states expanded.
-        priced: Number of steps priced.
-    """
-
-    expanded: int = 0
-    priced: int = 0
-
-    def add(self, search: LatticeSearch) -> None:
-        """Add the counts of a lattice search, once after its end."""
-        self.expanded += search.expanded_count
-        self.priced += search.priced_count
-
-
-def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath | None]:
+def yield_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
     """Yield ever cheaper cylinder paths, the first as early as possible.
 
     A cylinder path is a polyline of cylinder lengths. There are three stages: straight lines,
@@ -139,7 +121,6 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        work: Numbers of expanded states and priced steps; increased in place.
 
     Yields:
         A path that is cheaper than all earlier paths, or the value None before work that may take
@@ -157,7 +138,7 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
             yield last_yielded
         best = route
     if may_be_improved(task, best, MIN_LATTICE_GAP):
-        for route in yield_lattice_paths(task, best, work):
+        for route in yield_lattice_paths(task, best):
             best = route or best
             if route is None:
                 yield None
@@ -320,7 +301,7 @@ def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[flo
 
 
 def yield_lattice_paths(
-    task: SearchProblem, best: CylinderPath | None, work: SearchWork
+    task: SearchProblem, best: CylinderPath | None
 ) -> Iterator[CylinderPath | None]:
     """Search lattices of decreasing spacing and yield ever cheaper cylinder paths.
 
@@ -339,7 +320,6 @@ def yield_lattice_paths(
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent; None if there is none.
-        work: Numbers of expanded states and priced steps; increased in place.
 
     Yields:
         Before each lattice, the refined incumbent, even if it is unchanged; then each cheaper path
@@ -353,10 +333,10 @@ def yield_lattice_paths(
             best = refine(task, best, spacing)
             yield best
         for priced_by in _lattice_cost_models(task.cost_model, best):
-            spent = best is not None and work.expanded >= _max_expansions(task, best)
+            spent = best is not None and task.expanded >= _max_expansions(task, best)
             if spent or not may_be_improved(task, best, MIN_LATTICE_GAP):
                 return
-            found = search_lattice(task, priced_by, best, spacing, work)
+            found = search_lattice(task, priced_by, best, spacing)
             if found is None and best is None:
                 break
             if found is not None and (best is None or not _runs_beside(found, best, spacing)):
@@ -406,7 +386,6 @@ def search_lattice(
     priced_by: PathCostModel,
     best: CylinderPath | None,
     spacing: float,
-    work: SearchWork,
 ) -> CylinderPath | None:
     """Search one lattice for a cylinder path that may be cheaper than the incumbent.
 
@@ -414,7 +393,7 @@ def search_lattice(
 
     With an incumbent, A* looks for a path below MAX_SEARCHED_COST_RATIO times the incumbent's cost.
     Only goal postures with a lower bound below the incumbent's cost are goals. The search expands
-    at most `_max_expansions` − `work.expanded` states. Its heuristic weight is 1, or
+    at most `_max_expansions` − `task.expanded` states. Its heuristic weight is 1, or
     DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
@@ -427,7 +406,6 @@ def search_lattice(
         priced_by: Cost model of the search; it replaces the cost model of `task`.
         best: Incumbent (cheapest path so far); None if there is none.
         spacing: Spacing of the lattice [m].
-        work: Numbers of expanded states and priced steps; increased in place.
 
     Returns:
         The path, priced with the cost model of `task`. None if no path was found, or if the path is
@@ -441,7 +419,7 @@ def search_lattice(
         return None
     search = create_lattice_search(task, priced_by, worth, spacing)
     if best is not None:
-        left = _max_expansions(task, best) - work.expanded
+        left = _max_expansions(task, best) - task.expanded
         heuristic_weight = (
             DEADLINE_HEURISTIC_WEIGHT
             if task.progress.has_deadline and len(task.start_lengths) > 3
@@ -450,13 +428,12 @@ def search_lattice(
         found = search.search(
             MAX_SEARCHED_COST_RATIO * limit, left, task.progress.search_deadline, heuristic_weight
         )
-        work.add(search)
     else:
         found = search.search(
             math.inf, FIRST_STATES, task.progress.search_deadline, FIRST_HEURISTIC_WEIGHT
         )
-        work.add(search)
         if found is None and not search.exhausted:
+            _count_work(task, search)
             search = create_lattice_search(task, priced_by, worth, spacing)
             found = search.search(
                 math.inf,
@@ -465,12 +442,18 @@ def search_lattice(
                 FIRST_HEURISTIC_WEIGHT,
                 reachability_only=True,
             )
-            work.add(search)
+    _count_work(task, search)
     if found is None:
         return None
     via, k = found
     cost = task.price(via, MAX_REFINED_COST_RATIO * limit)
     return task.path_to_goal(via, int(worth[k]), cost) if cost < math.inf else None
+
+
+def _count_work(task: SearchProblem, search: LatticeSearch) -> None:
+    """Add the counts of a lattice search to the problem's work, once after its end."""
+    task.expanded += search.expanded_count
+    task.priced += search.priced_count
 
 
 def _runs_beside(found: CylinderPath, best: CylinderPath, spacing: float) -> bool:

@@ -725,6 +725,8 @@ def to_discrete_path(
 ) -> DiscretePath:
     """Convert a cylinder path to a discrete path, one step for each piece.
 
+    The path also counts the switches to the modes that hold the arm at its end.
+
     The arrays `pieces.tip` and `pieces.posture` become read-only, because the result shares them.
 
     Args:
@@ -737,17 +739,23 @@ def to_discrete_path(
     Returns:
         The discrete path.
     """
-    price = frozen(pieces.price.T)
+    price, modes, force = (
+        frozen(pieces.price.T),
+        frozen(t.patterns[pieces.pattern]),
+        np.empty(len(start_modes)),
+    )
+    piston_forces(t.machine, pieces.posture[-1], force)
     for own in (pieces.tip, pieces.posture):
         own.setflags(write=False)  # the path then needs no copies
     return DiscretePath(
         tip=pieces.tip,
         posture=pieces.posture,
-        modes=t.patterns[pieces.pattern],
+        modes=modes,
         duration=price[DURATION_COLUMN],
         energy=price[ENERGY_PAPER_COLUMN],
         energy_series=price[ENERGY_SERIES_COLUMN],
         cost=cost,
         start_modes=start_modes,
         statistics=statistics,
+        holding_switches=count_switches_to_hold(t.machine, force, modes[-1]),
     )

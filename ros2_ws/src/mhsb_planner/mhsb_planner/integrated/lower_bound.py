@@ -48,6 +48,7 @@ from mhsb_planner.integrated.intervals import (
     wrist_direction_range,
 )
 from mhsb_planner.integrated.telescope_cells import enclose_with_telescopes
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.lower_bound import (
     ENERGY_ONLY_WEIGHTS,
     bound_cost_between,
@@ -72,6 +73,11 @@ telescopes the range of the last free coordinate is divided.
 """
 MAX_CELLS, MAX_CELLS_WITH_DEADLINE = 4000, 1000
 """Largest number of cells that halving may add: without and with a deadline."""
+
+
+def max_bound_cells(progress: PlanProgress) -> int:
+    """Return the largest number of cells that a lower bound may add; fewer with a deadline."""
+    return MAX_CELLS_WITH_DEADLINE if progress.has_deadline else MAX_CELLS
 
 
 @kernel

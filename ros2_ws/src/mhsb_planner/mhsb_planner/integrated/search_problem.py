@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from time import perf_counter
 
 import numpy as np
 
@@ -18,18 +19,25 @@ from mhsb_planner.integrated.cylinder_path import (
     PathCostModel,
     PathPieces,
     compute_pieces,
+    cost_model,
     count_switches_to_hold,
     least_move_cost,
     new_path_cost_buffers,
     price_path,
+    to_discrete_path,
+    without_leakage_cost,
 )
-from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures
+from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures, sample_goal_postures
+from mhsb_planner.integrated.ik_near_start import add_postures_near_start
 from mhsb_planner.integrated.lower_bound import (
-    MAX_CELLS,
-    MAX_CELLS_WITH_DEADLINE,
     bound_cost_to_goals,
+    max_bound_cells,
 )
 from mhsb_planner.progress import PlanProgress
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm
+from mhsb_planner.search.s2_search import SEARCH_TASK, PathQuery
+from mhsb_planner.search.s2_step import ENERGY_COLUMN
 
 
 @dataclass(frozen=True)
@@ -114,72 +122,112 @@ class CylinderPath:
     pieces: PathPieces | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SearchProblem:
-    """Data that all stages of the integrated search share.
+    """Problem of the integrated search, and the work done for it; for one thread.
 
     Attributes:
         machine: The arm without a slewing joint.
-        cost_model: Cost model of the search.
-        buffers: Working memory for pricing, because of which only one thread may use the problem.
+        query: Start, goal, cost weights and energy reading.
+        full_cost_model: Cost model by which the paths found are priced, leakage included.
+        cost_model: Cost model by which paths are compared: `full_cost_model`, or the same model
+            without leakage.
+        buffers: Working memory for pricing.
         start: Start posture, shape (n,) [rad or m].
+        start_modes: Modes in force at the start, uint8, shape (n,).
         start_lengths: Cylinder lengths in the start posture, shape (n,) [m].
         goals: Goal postures.
         goal_lower_bounds: Lower bound on the cost of a path to each goal posture, shape (goals,)
             [-].
         progress: State of the planning loop, with the time limit of the search.
         limits: Limits on the effort.
+        began: Time of the problem's creation, by `time.perf_counter` [s].
+        expanded: Number of states that lattice searches have expanded.
+        priced: Number of steps that lattice searches have priced.
     """
 
     machine: Machine
+    query: PathQuery
+    full_cost_model: PathCostModel
     cost_model: PathCostModel
     buffers: PathCostBuffers
     start: FloatArray
+    start_modes: ModeArray
     start_lengths: FloatArray
     goals: GoalPostures
     goal_lower_bounds: FloatArray
     progress: PlanProgress
     limits: SearchLimits
+    began: float
+    expanded: int = 0
+    priced: int = 0
 
     @classmethod
     def create(
         cls,
         machine: Machine,
-        posture: FloatArray,
-        start_modes: ModeArray,
-        cost_model: PathCostModel,
-        goals: GoalPostures,
-        progress: PlanProgress,
-        effort: SearchLimits,
+        query: PathQuery,
+        *,
+        area: AreaTerm = WITHOUT_AREA,
+        counts_leakage: bool = True,
+        progress: PlanProgress | None = None,
+        limits: SearchLimits | None = None,
     ) -> SearchProblem:
-        """Create the problem of a cheapest path from a posture to one of several goal postures.
+        """Create the problem of a path: sample goal postures, and bound the cost to each.
 
         Args:
             machine: The arm without a slewing joint.
-            posture: Start posture, shape (n,) [rad or m].
-            start_modes: Modes in force at the start, uint8, shape (n,).
-            cost_model: Cost model of the search.
-            goals: Goal postures.
-            progress: State of the planning loop, with the time limit of the search.
-            effort: Limits on the effort.
+            query: Start, goal with its region, cost weights and energy reading.
+            area: Weight and reference area of the manipulability loss (lost area of the velocity
+                polytope).
+            counts_leakage: Whether leakage counts when paths are compared. The costs of the
+                discrete paths include it in any case.
+            progress: State of the planning loop, with the deadline. None means no deadline.
+            limits: Limits on the effort for an arm of the paper's size; lengths are scaled to this
+                arm. None means default limits, which are larger if `area` has a weight.
 
         Returns:
-            The problem, with its own working memory and a lower bound on the cost to each goal
-            posture.
+            The problem, with its own working memory; no path has been searched yet.
+
+        Raises:
+            OutOfWorkspaceError: No tip position has a posture, and the goal is outside the
+                workspace.
+            InfeasibleGoalError: No posture within joint limits reaches the goal or its region.
+            ZoneError: The arm would be too near to an obstacle in every goal posture.
+            DeadlineError: The deadline passed before the search could begin.
         """
-        lengths = machine.cylinder_lengths(posture)
+        began, progress = perf_counter(), progress or PlanProgress()
+        limits = limits or (WITH_AREA if area.weight > 0.0 else SearchLimits())
+        limits = limits.scaled(machine.relative_size)
+        progress.search_deadline.check(SEARCH_TASK)
+        start = np.array(query.start_posture, dtype=np.float64)
+        modes = np.array(query.start_modes, dtype=np.uint8)
+        goals = sample_goal_postures(
+            machine, *query.goal_xz, query.goal_psi, limits.psi_spacing, query.goal_region
+        )
+        progress.search_deadline.check(SEARCH_TASK)
+        weights, column = query.weights, ENERGY_COLUMN[query.energy_reading]
+        weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
+        full = cost_model(machine, modes, weight, column, area)
+        priced_by = full if counts_leakage else without_leakage_cost(full)
+        goals = add_postures_near_start(machine, goals, start, priced_by.circuit, weight)
+        lengths = machine.cylinder_lengths(start)
+        bounds = bound_goal_costs(priced_by, lengths, modes, goals.posture, goals.length)
+        progress.search_deadline.check(SEARCH_TASK)
         return cls(
-            machine=machine,
-            cost_model=cost_model,
-            buffers=new_path_cost_buffers(cost_model),
-            start=posture,
-            start_lengths=lengths,
-            goals=goals,
-            goal_lower_bounds=bound_goal_costs(
-                cost_model, lengths, start_modes, goals.posture, goals.length
-            ),
-            progress=progress,
-            limits=effort,
+            machine,
+            query,
+            full,
+            priced_by,
+            new_path_cost_buffers(priced_by),
+            start,
+            modes,
+            lengths,
+            goals,
+            bounds,
+            progress,
+            limits,
+            began,
         )
 
     @cached_property
@@ -230,6 +278,21 @@ class SearchProblem:
         elbow, free = int(self.goals.elbow[k]), self.goals.free[k]
         return CylinderPath(via, k, elbow, free, cost, pieces)
 
+    @property
+    def statistics(self) -> SearchStatistics:
+        """Work done so far, time since the problem was created, and whether the time is up."""
+        spent, is_late = perf_counter() - self.began, self.progress.search_deadline.has_passed
+        return SearchStatistics(self.expanded, self.priced, spent, is_late)
+
+    def convert_to_discrete(self, best: CylinderPath) -> DiscretePath:
+        """Convert a cylinder path to a discrete path, whose cost always includes leakage."""
+        full, pieces = self.full_cost_model, best.pieces
+        counts_leakage = self.cost_model is full
+        if pieces is None or not counts_leakage:
+            pieces = PathPieces(*compute_pieces(full, self.buffers, best.waypoints, self.start))
+        cost = best.cost if counts_leakage else pieces.cost
+        return to_discrete_path(full, pieces, cost, self.start_modes, self.statistics)
+
 
 @kernel
 def bound_goal_costs(
@@ -263,8 +326,3 @@ def bound_goal_costs(
         switches = count_switches_to_hold(t.machine, force, start_modes)
         bound[k] = least_move_cost(t, start, length[k]) + t.weight[2] * switches
     return bound
-
-
-def max_bound_cells(progress: PlanProgress) -> int:
-    """Return the largest number of cells that a lower bound may add; fewer with a deadline."""
-    return MAX_CELLS_WITH_DEADLINE if progress.has_deadline else MAX_CELLS

@@ -16,7 +16,7 @@ from functools import partial
 
 from mhsb_model.machine import Machine
 from mhsb_planner.integrated import integrated_search
-from mhsb_planner.integrated.integrated_search import IntegratedSearch
+from mhsb_planner.integrated.search_problem import SearchProblem
 from mhsb_planner.planners.fixed import FixedPlanner
 from mhsb_planner.planners.path_planner import (
     PathPlanner,
@@ -26,13 +26,12 @@ from mhsb_planner.planners.path_planner import (
 )
 from mhsb_planner.planners.schedule import (
     Proposer,
-    ProposerSet,
     schedule_proposers,
     take_turns,
 )
 from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.progress import PlanProgress
-from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, compute_area_along_path
+from mhsb_planner.search.manipulability_loss import compute_area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
 
 BASELINE_PLANNERS: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
@@ -58,7 +57,8 @@ class IntegratedPlanner(PathPlanner):
         Args:
             graph: Step graph (steps between postures) of the posture table; provides machine and
                 table.
-            task: The request.
+            task: The request. If the manipulability loss has a weight, all baselines have an early
+                turn, because the integrated search takes long.
             progress: State of the planning loop, with deadline and log.
 
         Yields:
@@ -68,55 +68,56 @@ class IntegratedPlanner(PathPlanner):
         Raises:
             MhsbError: The integrated search has failed. Failures of other searches are only logged.
         """
-        search = _create_search(graph.machine, task, progress, task.area)
-        proposers = self._create_proposers(search, graph, task, progress)
-        yield from take_turns(schedule_proposers(proposers, progress), progress, proposers.own)
+        machine = graph.machine
+        problem = SearchProblem.create(machine, task.query, area=task.area, progress=progress)
+        found = integrated_search.yield_paths(problem)
+        own = Proposer(self.name, (path if path is None else PathProposal(path) for path in found))
+        paths = _paths_without_leakage(machine, task, progress)
+        leak_free = Proposer(f"{self.name} without leakage", paths)
+        baselines = self._create_baselines(graph, task, progress)
+        weighs_area = task.area.weight > 0.0
+        schedule = schedule_proposers(
+            own,
+            leak_free,
+            baselines,
+            progress,
+            slew_time=task.slew_demand.time,
+            early_count=len(baselines) if weighs_area else 1,
+        )
+        yield from take_turns(schedule, progress, own)
 
-    def _create_proposers(
-        self, search: IntegratedSearch, graph: StepGraph, task: PathRequest, progress: PlanProgress
-    ) -> ProposerSet:
-        """Create the proposers (sources of paths) for a request.
+    def _create_baselines(
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+    ) -> list[Proposer]:
+        """Create the proposers (sources of paths) with which the integrated search is compared.
 
-        There is a proposer for the integrated search, one for the same search without leakage, and
-        one for each baseline (planner to compare with). Except for the integrated search, they do
-        no work before their first turn. Other proposers are added:
+        There is one for each baseline planner. They do no work before their first turn. Other
+        proposers are added:
 
-        - If the manipulability loss has a weight: a search without this weight, which counts as a
-          baseline. All baselines then have an early turn, because the integrated search takes long.
+        - If the manipulability loss has a weight: a search without this weight, as the first.
         - If there is a goal region: this planner with all its proposers, for the request without
           the region. It comes last, and ensures that a region never makes the plan more expensive.
 
         Args:
-            search: The integrated search.
             graph: Step graph (steps between postures) of the posture table.
             task: The request.
             progress: State of the planning loop, with deadline and log.
 
         Returns:
-            The proposers.
+            The proposers, the quickest first.
         """
-        machine, options = graph.machine, task.options
-        own = (path if path is None else PathProposal(path) for path in search.paths())
-        leak_free = _paths_without_leakage(machine, task, progress)
-        compare = partial(_for_comparison, machine, task)
+        compare = partial(_for_comparison, graph.machine, task)
         baselines = [
             Proposer(each.name, compare(_baseline_paths(each, graph, task, progress)))
             for each in self.baselines
         ]
         if task.area.weight > 0.0:
-            paths = compare(_path_without_area(machine, task, progress))
+            paths = compare(_path_without_area(graph.machine, task, progress))
             baselines.insert(0, Proposer(f"{self.name} without area", paths))
-        early_count = len(baselines) if task.area.weight > 0.0 else 1
-        if options.goal_region is not None:
+        if task.options.goal_region is not None:
             paths = self._paths_to_goal_alone(graph, task, progress)
             baselines.append(Proposer(f"{self.name} to the goal alone", paths))
-        return ProposerSet(
-            Proposer(self.name, own),
-            Proposer(f"{self.name} without leakage", leak_free),
-            baselines,
-            task.slew_demand.time,
-            early_count,
-        )
+        return baselines
 
     def _paths_to_goal_alone(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
@@ -153,39 +154,6 @@ class IntegratedPlanner(PathPlanner):
             planner.warm_up(graph)
 
 
-def _create_search(
-    machine: Machine,
-    task: PathRequest,
-    progress: PlanProgress,
-    area: AreaTerm,
-    *,
-    leaks: bool = True,
-) -> IntegratedSearch:
-    """Create an integrated search (path, postures and modes together) for a request.
-
-    Args:
-        machine: The arm without a slewing joint.
-        task: The request.
-        progress: State of the planning loop, with the deadline of the search.
-        area: Weight and reference area of the manipulability loss; `task.area` is ignored.
-        leaks: True if the search counts the leakage of the valves when it compares paths.
-
-    Returns:
-        The search, with sampled goal postures; no path has been searched yet.
-
-    Raises:
-        MhsbError: No posture reaches the goal, or the deadline has passed.
-    """
-    return IntegratedSearch(
-        machine,
-        task.create_query(task.planar_goal),
-        goal_region=task.options.goal_region,
-        area=area,
-        counts_leakage=leaks,
-        progress=progress,
-    )
-
-
 def _paths_without_leakage(
     machine: Machine, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
@@ -202,8 +170,10 @@ def _paths_without_leakage(
     Yields:
         Path proposals. Their costs include leakage.
     """
-    search = _create_search(machine, task, progress, task.area, leaks=False)
-    for path in search.paths():
+    problem = SearchProblem.create(
+        machine, task.query, area=task.area, counts_leakage=False, progress=progress
+    )
+    for path in integrated_search.yield_paths(problem):
         if path is not None:
             yield PathProposal(path)
 
@@ -224,7 +194,8 @@ def _path_without_area(
     Raises:
         MhsbError: There is no path.
     """
-    yield PathProposal(_create_search(machine, task, progress, WITHOUT_AREA).best_path())
+    problem = SearchProblem.create(machine, task.query, progress=progress)
+    yield PathProposal(integrated_search.find_best_path(problem))
 
 
 def _baseline_paths(

@@ -9,8 +9,6 @@ from typing import NamedTuple, Protocol
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.goal_region import is_goal_met
-from mhsb_planner.integrated.lower_bound import MAX_CELLS, bound_energy_to_goal
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
@@ -20,7 +18,7 @@ from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import AreaTerm
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import SAME_POINT, PathQuery
+from mhsb_planner.search.s2_search import PathQuery
 
 
 class SlewDemand(NamedTuple):
@@ -84,50 +82,20 @@ class PathRequest:
             True if the tip is within SAME_POINT of the goal or in its region, and the end-link
             angle ψ is within SAME_POINT of an admissible angle.
         """
-        return is_goal_met(
-            self.planar_goal,
-            self.options.goal_region,
-            self.options.goal_psi,
-            machine.tip_position(self.departure),
-            machine.end_link_angle(self.departure),
-            SAME_POINT,
-            SAME_POINT,
-        )
+        return self.query.begins_at_goal(machine)
 
-    def create_query(self, tip: tuple[float, float]) -> PathQuery:
-        """Create the query of a path from the departure to a tip position (x, z) [m]."""
+    @property
+    def query(self) -> PathQuery:
+        """Query of a path in the arm's plane from the departure to the goal or its region."""
         options = self.options
         return PathQuery(
             self.departure,
             self.modes.modes,
-            tip,
+            self.planar_goal,
             options.weights,
             options.energy_reading,
             options.goal_psi,
-        )
-
-    def energy_lower_bound(self, machine: Machine, most_cells: int = MAX_CELLS) -> float:
-        """Compute a lower bound on the energy of every plan for this request in the arm's plane.
-
-        The bound holds for all postures with the tip at the goal or at a sampled position of the
-        goal region. Oil and least time of the slew are included.
-
-        Args:
-            machine: The arm without a slewing joint.
-            most_cells: Limit on the effort: number of cells that the branch and bound may add. More
-                cells give a higher bound, until the branch and bound has converged.
-
-        Returns:
-            The bound [J]; inf if no posture reaches the goal.
-        """
-        return bound_energy_to_goal(
-            machine,
-            self.start.position,
-            self.planar_goal,
-            self.options.goal_psi,
-            self.options.goal_region,
-            self.slew_demand,
-            most_cells,
+            options.goal_region,
         )
 
     def continued_from(self, path: DiscretePath) -> PathRequest:

@@ -15,6 +15,7 @@ from typing import Protocol
 from mhsb_model.machine import Machine
 from mhsb_model.types import frozen
 from mhsb_planner.errors import NoPathError
+from mhsb_planner.integrated.lower_bound import bound_energy_to_goal, max_bound_cells
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.s2_graph import StepGraph
@@ -30,13 +31,12 @@ class PathSource(Protocol):
     def machine(self) -> Machine:
         """The whole arm."""
 
-    def bound(self, task: PathRequest, most_cells: int) -> float:
+    def bound(self, task: PathRequest, progress: PlanProgress) -> float:
         """Return a lower bound on the energy of every plan for a request of the whole arm [J].
 
         Args:
             task: The request of the whole arm.
-            most_cells: Largest number of additional cells of the branch and bound. More cells give
-                a higher bound.
+            progress: State of the planning loop. With a deadline, less effort is spent.
         """
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
@@ -73,9 +73,28 @@ class PlanePaths:
         """The arm, which does not slew."""
         return self.graph.machine
 
-    def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Return a lower bound on the energy of every plan for a request in the arm's plane [J]."""
-        return task.energy_lower_bound(self.machine, most_cells)
+    def bound(self, task: PathRequest, progress: PlanProgress) -> float:
+        """Compute a lower bound on the energy of every plan for a request in the arm's plane.
+
+        The bound holds for all postures with the tip at the goal or at a sampled position of the
+        goal region. Oil and least time of the slew are included.
+
+        Args:
+            task: The request in the arm's plane.
+            progress: State of the planning loop. With a deadline, less effort is spent.
+
+        Returns:
+            The bound [J]; inf if no posture reaches the goal.
+        """
+        return bound_energy_to_goal(
+            self.machine,
+            task.start.position,
+            task.planar_goal,
+            task.options.goal_psi,
+            task.options.goal_region,
+            task.slew_demand,
+            max_bound_cells(progress),
+        )
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield the planner's paths at V_max, and at lower piston speeds if they may help.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from mhsb_model.errors import MhsbError
 from mhsb_planner.planners.path_planner import PathProposal
@@ -104,27 +103,15 @@ def take_turns(
             yield proposal
 
 
-@dataclass(frozen=True)
-class ProposerSet:
-    """Proposers of the integrated planner for one request.
-
-    Attributes:
-        own: The integrated search.
-        without_leakage: The same search, which ignores leakage when it compares paths.
-        baselines: Other sources of paths to compare with, the quickest first.
-        slew_time: Least time that the slew needs [s]. `without_leakage` has its turns as soon as
-            `own` has proposed a path that takes less time.
-        early_count: Number of baselines that have a turn right after the first turns of `own`.
-    """
-
-    own: Proposer
-    without_leakage: Proposer
-    baselines: Sequence[Proposer]
-    slew_time: float
-    early_count: int = 1
-
-
-def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
+def schedule_proposers(
+    own: Proposer,
+    without_leakage: Proposer,
+    baselines: Sequence[Proposer],
+    progress: PlanProgress,
+    *,
+    slew_time: float,
+    early_count: int,
+) -> Iterator[Proposer]:
     """Yield the proposers of the integrated planner in the order of their turns.
 
     1. The integrated search has EARLY_OWN_TURNS turns.
@@ -138,25 +125,30 @@ def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterat
     costs the same on each path.
 
     Args:
-        proposers: The proposers.
+        own: The integrated search.
+        without_leakage: The same search, which ignores leakage when it compares paths.
+        baselines: Other sources of paths to compare with, the quickest first.
         progress: State of the planning loop; read between the turns.
+        slew_time: Least time that the slew needs [s]. `without_leakage` has its turns as soon as
+            `own` has proposed a path that takes less time.
+        early_count: Number of baselines that have a turn right after the first turns of `own`.
 
     Yields:
         The proposer whose turn it is.
     """
-    own, turns = proposers.own, 0
+    turns = 0
     while not own.has_ended:
         yield own
         turns += 1
-        if own.last is not None and own.last.path.duration.sum() < proposers.slew_time:
-            yield from _until_end(proposers.without_leakage)
+        if own.last is not None and own.last.path.duration.sum() < slew_time:
+            yield from _until_end(without_leakage)
         if turns == EARLY_OWN_TURNS:
-            yield from proposers.baselines[: proposers.early_count]
+            yield from baselines[:early_count]
         if not progress.has_motion and progress.is_half_over:
-            for proposer in proposers.baselines:
+            for proposer in baselines:
                 while not (proposer.has_ended or progress.has_motion):
                     yield proposer
-    for proposer in proposers.baselines:
+    for proposer in baselines:
         yield from _until_end(proposer)
 
 

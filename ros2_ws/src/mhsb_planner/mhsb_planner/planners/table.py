@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from mhsb_model.errors import MhsbError
 from mhsb_planner.errors import DeadlineError
@@ -117,7 +118,7 @@ def _search_path_to(
     options = task.options
     return s2_search.search(
         graph,
-        task.create_query(tip),
+        replace(task.query, goal_xz=tip, goal_region=None),
         method=options.search,
         heuristic_scale=options.heuristic_scale,
         deadline=progress.search_deadline,

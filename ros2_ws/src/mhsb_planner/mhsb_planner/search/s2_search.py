@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import (
@@ -22,7 +23,7 @@ from mhsb_planner.errors import (
     NoPathError,
     RequestError,
 )
-from mhsb_planner.goal_region import Angle, is_goal_met
+from mhsb_planner.goal_region import Angle, Region, is_goal_met
 from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.lower_bound import ENERGY_ONLY_WEIGHTS, bound_costs_between
@@ -87,6 +88,8 @@ class PathQuery:
         weights: Weights of energy [1/J], time [1/s] and switches [-].
         energy_reading: Formula for the energy of boosted oil in the cost, `paper` or `series`.
         goal_psi: End-link angle at the goal [rad]. A pair is a range; None leaves the angle free.
+        goal_region: Other admissible tip positions; None means the goal alone. The search in a step
+            graph only tests with it whether the start is at the goal.
     """
 
     start_posture: FloatArray
@@ -95,6 +98,22 @@ class PathQuery:
     weights: Weights
     energy_reading: EnergyReading = "paper"
     goal_psi: Angle = None
+    goal_region: Region | None = None
+
+    def begins_at_goal(self, machine: Machine) -> bool:
+        """Return whether the start posture is at the goal already.
+
+        Args:
+            machine: The arm without a slewing joint.
+
+        Returns:
+            True if the tip is within SAME_POINT of the goal or in its region, and the end-link
+            angle ψ is within SAME_POINT of an admissible angle.
+        """
+        posture = np.array(self.start_posture, dtype=np.float64)
+        tip, angle = machine.tip_position(posture), machine.end_link_angle(posture)
+        region, psi = self.goal_region, self.goal_psi
+        return is_goal_met(self.goal_xz, region, psi, tip, angle, SAME_POINT, SAME_POINT)
 
 
 def search(
@@ -131,16 +150,15 @@ def search(
         DeadlineError: The deadline passed.
         RequestError: A weight, the posture or an option is invalid.
     """
-    began, weights, goal_psi = time.perf_counter(), query.weights, query.goal_psi
+    began, weights = time.perf_counter(), query.weights
     if query.energy_reading not in ENERGY_COLUMN:
         raise RequestError("energy_reading", query.energy_reading, "must be paper or series")
     posture = _check_posture(graph, query.start_posture)
     modes = np.array(query.start_modes, dtype=np.uint8)
     x, z = float(query.goal_xz[0]), float(query.goal_xz[1])
     deadline.check(SEARCH_TASK)
-    start, goal = create_start(graph, posture), create_goal(graph, x, z, goal_psi, deadline)
-    angle = graph.machine.end_link_angle(posture)
-    if is_goal_met((x, z), None, goal_psi, np.array(start.tip), angle, SAME_POINT, SAME_POINT):
+    start, goal = create_start(graph, posture), create_goal(graph, x, z, query.goal_psi, deadline)
+    if query.begins_at_goal(graph.machine):
         seconds = time.perf_counter() - began
         return DiscretePath.create_without_steps(np.array(start.tip), posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)

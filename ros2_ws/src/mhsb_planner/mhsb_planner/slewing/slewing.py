@@ -167,15 +167,14 @@ class SlewingPaths:
     graph: StepGraph
     """Step graph of the arm's plane."""
 
-    def bound(self, task: PathRequest, most_cells: int) -> float:
+    def bound(self, task: PathRequest, progress: PlanProgress) -> float:
         """Compute a lower bound on the energy of every plan for a request, slew included.
 
         The bound is computed in the arm's plane, with oil and least time of the slew added.
 
         Args:
             task: Path request of the whole arm.
-            most_cells: Largest number of cells that the branch and bound may add. It limits the
-                effort.
+            progress: State of the planning loop. With a deadline, less effort is spent.
 
         Returns:
             Energy [J].
@@ -183,7 +182,8 @@ class SlewingPaths:
         Raises:
             OutOfWorkspaceError: The slew's limits do not allow the goal.
         """
-        return self._convert_to_plane(task)[0].energy_lower_bound(self.graph.machine, most_cells)
+        in_plane, _ = self._convert_to_plane(task)
+        return PlanePaths(self.planner, self.graph).bound(in_plane, progress)
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.

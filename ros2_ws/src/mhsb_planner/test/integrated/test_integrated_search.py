@@ -13,8 +13,9 @@ from mhsb_model.holding import MAX_HELD_SPEED, choose_holding_modes
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
 from mhsb_planner.integrated import anytime_search
-from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
+from mhsb_planner.integrated.integrated_search import search, yield_paths
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
+from mhsb_planner.integrated.search_problem import SearchLimits, SearchProblem
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_search import search as table_search
@@ -128,8 +129,9 @@ def test_an_angle_of_the_end_link_is_kept_when_asked_for(machine, posture_within
 def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture_within):
     several = 0
     for start, goal in tasks(machine, posture_within, 6, seed=6):
-        found = IntegratedSearch(machine, PathQuery(start, NORMAL, goal, ENERGY), limits=QUICK)
-        paths = [path for path in found.paths() if path is not None]
+        query = PathQuery(start, NORMAL, goal, ENERGY)
+        problem = SearchProblem.create(machine, query, limits=QUICK)
+        paths = [path for path in yield_paths(problem) if path is not None]
         for path in paths:
             check_possible(machine, path, start, goal)
         assert np.all(np.diff([path.cost for path in paths]) < 0.0)
@@ -143,10 +145,10 @@ def test_lattices_are_searched_less_or_not_at_all_if_the_loop_would_skip_their_p
     def find(start, goal, max_path_cost):
         progress = PlanProgress(max_path_cost=max_path_cost)
         query = PathQuery(start, NORMAL, goal, ENERGY)
-        search = IntegratedSearch(machine, query, limits=QUICK, progress=progress)
-        found = [path for path in search.paths() if path is not None]
+        problem = SearchProblem.create(machine, query, limits=QUICK, progress=progress)
+        found = [path for path in yield_paths(problem) if path is not None]
         costs = [path.cost for path in found]
-        return costs, found[-1].statistics.expanded, search._task.lower_bound
+        return costs, found[-1].statistics.expanded, problem.lower_bound
 
     several = 0
     for start, goal in tasks(machine, posture_within, 6, seed=6):
@@ -178,7 +180,8 @@ def test_a_lattice_is_made_only_where_a_goal_posture_may_be_cheaper(
 def test_where_no_straight_line_is_possible_it_says_so_first(machine):
     barred = machine.changed(zones=Zones(tip_boxes=((0.45, 0.20, 0.90, 0.30),)))
     start = machine.postures(0.55, -0.05, np.linspace(-3.0, 3.0, 50))[0]
-    found = list(IntegratedSearch(barred, PathQuery(start, NORMAL, (0.55, 0.60), ENERGY)).paths())
+    query = PathQuery(start, NORMAL, (0.55, 0.60), ENERGY)
+    found = list(yield_paths(SearchProblem.create(barred, query)))
     assert found[0] is None
     best = [path for path in found if path is not None][-1]
     check_possible(barred, best, start, (0.55, 0.60))
@@ -264,8 +267,8 @@ def test_ways_between_obstacles_are_found_where_no_straight_line_is_possible(
     machine, zones, start, goal
 ):
     among = machine.changed(zones=zones)
-    found = IntegratedSearch(among, PathQuery(np.array(start), NORMAL, goal, ENERGY)).paths()
-    assert next(found) is None
-    path = search(among, PathQuery(np.array(start), NORMAL, goal, ENERGY))
+    query = PathQuery(np.array(start), NORMAL, goal, ENERGY)
+    assert next(yield_paths(SearchProblem.create(among, query))) is None
+    path = search(among, query)
     check_possible(among, path, np.array(start), goal)
     assert min(among.clearance(q)[0] for q in path.posture) > 0.0

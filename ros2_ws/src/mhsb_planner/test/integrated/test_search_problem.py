@@ -4,24 +4,23 @@ import numpy as np
 import pytest
 
 from mhsb_model.modes import Mode
-from mhsb_planner.integrated.goal_postures import sample_goal_postures
-from mhsb_planner.integrated.search_problem import SearchLimits, SearchProblem
-from mhsb_planner.progress import PlanProgress
+from mhsb_planner.integrated.search_problem import SearchProblem
 from mhsb_planner.search.lower_bound import bound_costs_between
+from mhsb_planner.search.s2_search import PathQuery, Weights
 
 
 @pytest.mark.parametrize("boosted", [False, True], ids=["from N", "from DB"])
 def test_the_bound_on_a_goal_has_the_switches_to_its_holding_modes(
-    machine, terms_of, posture_within, boosted
+    machine, posture_within, boosted
 ):
     weak = machine.changed(supply_pressure=0.4 * machine.arrays.supply_pressure)
     random, held = np.random.default_rng(7), set()
     modes = np.full(3, Mode.DB if boosted else Mode.N, dtype=np.uint8)
-    t = terms_of(weak)
     for _ in range(5):
         start, end = posture_within(weak, random), posture_within(weak, random)
-        goals = sample_goal_postures(weak, *map(float, weak.tip_position(end)))
-        task = SearchProblem.create(weak, start, modes, t, goals, PlanProgress(), SearchLimits())
+        goal = tuple(map(float, weak.tip_position(end)))
+        task = SearchProblem.create(weak, PathQuery(start, modes, goal, Weights(0.5, 1.0, 2.0)))
+        t, goals = task.cost_model, task.goals
         moves = bound_costs_between(t.circuit, task.start_lengths, goals.length, t.weight)
         m = weak.arrays
         for k, posture in enumerate(goals.posture):

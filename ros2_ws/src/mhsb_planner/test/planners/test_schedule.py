@@ -8,7 +8,6 @@ from mhsb_planner.errors import NoPathError
 from mhsb_planner.planners.path_planner import PathProposal
 from mhsb_planner.planners.schedule import (
     Proposer,
-    ProposerSet,
     schedule_in_turn,
     schedule_proposers,
     take_turns,
@@ -56,14 +55,13 @@ def turns(schedule, progress, main=None, motion_at=None):
     return " ".join(names)
 
 
-def proposers(own, *, leak_free=(), slew_time=0.0, early_count=1):
-    return ProposerSet(
-        scripted("own", *own),
-        scripted("leakfree", *leak_free),
-        [scripted("table", 1, 1), scripted("fixed", 1)],
-        slew_time,
-        early_count,
-    )
+def scheduled(own, progress, *, leak_free=(), slew_time=0.0, early_count=1):
+    """The schedule of scripted proposers, and the first of them."""
+    first = scripted("own", *own)
+    others = [scripted("table", 1, 1), scripted("fixed", 1)]
+    leakfree = scripted("leakfree", *leak_free)
+    limits = {"slew_time": slew_time, "early_count": early_count}
+    return schedule_proposers(first, leakfree, others, progress, **limits), first
 
 
 @pytest.mark.parametrize(
@@ -80,7 +78,7 @@ def test_baselines_have_a_turn_after_two_of_the_own_search_and_the_rest_after_it
     own, early_count, order
 ):
     progress = PlanProgress(NO_DEADLINE)
-    schedule = schedule_proposers(proposers(own, early_count=early_count), progress)
+    schedule, _ = scheduled(own, progress, early_count=early_count)
     assert turns(schedule, progress, motion_at=1) == order
 
 
@@ -94,14 +92,14 @@ def test_baselines_have_a_turn_after_two_of_the_own_search_and_the_rest_after_it
 )
 def test_with_half_of_the_time_gone_baselines_propose_until_there_is_a_motion(seconds, order):
     progress = PlanProgress(Deadline.after(seconds))
-    schedule = schedule_proposers(proposers((1, 1, 1, 1)), progress)
+    schedule, _ = scheduled((1, 1, 1, 1), progress)
     assert turns(schedule, progress, motion_at=3) == order
 
 
 def test_leakage_is_left_out_after_the_first_own_path_that_is_shorter_than_the_slew():
     progress = PlanProgress()
-    every = proposers((3, 1, 1), leak_free=(1, 1), slew_time=2.0)
-    order = turns(schedule_proposers(every, progress), progress, motion_at=1)
+    schedule, _ = scheduled((3, 1, 1), progress, leak_free=(1, 1), slew_time=2.0)
+    order = turns(schedule, progress, motion_at=1)
     assert order == "own own leakfree leakfree table own table fixed"
 
 
@@ -128,8 +126,7 @@ def test_a_failure_is_logged_with_its_reason_and_others_go_on():
 
 def test_the_main_proposer_s_failure_ends_the_plan():
     progress = PlanProgress()
-    every = proposers((1, FAILS))
-    schedule = schedule_proposers(every, progress)
+    schedule, own = scheduled((1, FAILS), progress)
     with pytest.raises(NoPathError):
-        turns(schedule, progress, every.own)
+        turns(schedule, progress, own)
     assert [entry.proposer for entry in progress.log.entries] == ["own"]

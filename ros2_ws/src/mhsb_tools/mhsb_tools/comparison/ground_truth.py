@@ -16,8 +16,9 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
+from mhsb_planner.integrated.integrated_search import improve_path, search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
+from mhsb_planner.integrated.search_problem import SearchLimits, SearchProblem
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_step import EnergyReading
@@ -97,7 +98,7 @@ def search_ground_truth(
         _, via = search_least_cost(machine, start, goal, weights, known, holding)
         if via is not None:
             spacings = tuple(machine.relative_size * spacing for spacing in REFINEMENT_SPACINGS)
-            improving = IntegratedSearch(machine, query, limits=EXHAUSTIVE_LIMITS)
-            path = improving.improve_path(via, spacings)
+            problem = SearchProblem.create(machine, query, limits=EXHAUSTIVE_LIMITS)
+            path = improve_path(problem, via, spacings)
             best = best if path is None else min(best, path, key=attrgetter("cost"))
     return best
