@@ -383,7 +383,7 @@ class Planner:
         if remainder is not None and remainder.duration_ns <= MAX_REMAINING_TIME * SECOND_NS:
             away = math.dist(goal, self.machine.tip_in_base(remainder.position[-1]).tolist())
             if away <= (MAX_STREAMED_GOAL_DISTANCE if options.period > 0.0 else MAX_GOAL_DISTANCE):
-                stops.append(Steering(start, remainder))
+                stops.append(Steering(remainder))
         if brake is None or keeps_position_limits(self.machine, coast.trajectory):
             stops.append(coast)
         return stops if brake is None else [*stops, brake]

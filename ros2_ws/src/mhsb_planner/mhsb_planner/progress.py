@@ -13,7 +13,8 @@ from mhsb_planner.plan_log import PlanLog
 class PlanProgress:
     """State of the planning loop for one plan, which the searches for paths read.
 
-    Only the planning loop (`planning.loop`) changes it. Searches read it and add to the log.
+    Only the planning loop (`planning.loop`) and `planning.first_moves` change it. Searches read it
+    and add to the log.
 
     Attributes:
         deadline: Deadline of the whole plan.
@@ -27,6 +28,8 @@ class PlanProgress:
         max_path_cost: Largest cost, without mode switches, of a path whose motion may be cheaper
             than the incumbent [-]. The loop skips dearer paths. It is inf if there is no incumbent.
         log: Log of proposals.
+        trial_deadline: Earlier deadline of a search whose failure leaves time for another search.
+            None means `deadline`.
     """
 
     deadline: Deadline = NO_DEADLINE
@@ -35,6 +38,7 @@ class PlanProgress:
     min_speed_factor: float = 0.0
     max_path_cost: float = math.inf
     log: PlanLog = field(default_factory=PlanLog)
+    trial_deadline: Deadline | None = None
     _began: float = field(default_factory=now, init=False)
 
     @property
@@ -52,8 +56,8 @@ class PlanProgress:
 
     @property
     def search_deadline(self) -> Deadline:
-        """Deadline of the search: earlier than `deadline` by `reserve`.
+        """Deadline of the search: earlier by `reserve` than `deadline` or `trial_deadline`.
 
         If a path is found later, no motion can be fitted to it in time.
         """
-        return self.deadline.earlier_by(self.reserve)
+        return (self.trial_deadline or self.deadline).earlier_by(self.reserve)

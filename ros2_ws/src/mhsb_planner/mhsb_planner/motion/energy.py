@@ -64,7 +64,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, compute_motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 CHARGED_AHEAD = 0.4
@@ -137,26 +137,35 @@ def compute_motion_energy(
     edges = _find_interval_limits(trajectory, schedule)
     if len(edges) < 2:
         return ZERO_ENERGY
-    return compute_energy_of_profiles(
-        machine, edges, _compute_profiles(machine, trajectory, schedule, edges)
+    points, middles = (
+        compute_motion_profile(machine, *trajectory.sample_offsets(at))
+        for at in (edges, (edges[1:] + edges[:-1]) // 2)
     )
+    modes = schedule.modes_at_many(trajectory.stamp_ns + edges[:-1])
+    return compute_energy_of_profiles(machine, edges, points, middles, modes)
 
 
-def compute_energy_of_profiles(machine: Machine, edges: IntArray, profiles: Profiles) -> Energy:
+def compute_energy_of_profiles(
+    machine: Machine,
+    edges: IntArray,
+    points: MotionProfile,
+    middles: MotionProfile,
+    modes: ModeArray,
+) -> Energy:
     """Compute the energy of a motion from its profiles (piston speeds and forces).
 
     Args:
         machine: Machine with its hydraulics.
         edges: Limits of intervals in ascending order, shape (k,) [ns]. Within an interval the
             motion is smooth and the modes are constant.
-        profiles: Profiles at the limits and at the middles of the intervals, and the modes of each
-            interval.
+        points: Profile at the limits of the intervals, k rows.
+        middles: Profile at the middles of the intervals, k - 1 rows.
+        modes: Mode codes of the intervals, shape (k - 1, n).
 
     Returns:
         Energy of the motion [J]. The field `paper` follows the published model. All other fields
         count main pump and servo pumps in series, and include the charging of lines before boosts.
     """
-    points, middles, modes = profiles
     energy = _integrate_power(
         machine.arrays,
         (edges[1:] - edges[:-1]) / SECOND_NS,
@@ -221,29 +230,6 @@ def compute_charging(
         m, volumes, circuit.bulk_modulus, ahead, speed, force, modes
     )
     return float(work / m.servo_pump_efficiency), float(slipped)
-
-
-def _compute_profiles(
-    machine: Machine, trajectory: Trajectory, schedule: ModeSchedule, edges: IntArray
-) -> Profiles:
-    """Compute the profiles of a motion at given times and at the middles between them.
-
-    Args:
-        machine: Machine with its payload.
-        trajectory: Joint trajectory.
-        schedule: Modes over time.
-        edges: Times from the trajectory's stamp in ascending order, shape (k,) [ns]. The modes must
-            not change between them.
-
-    Returns:
-        Piston speeds, forces, inertia forces and tip positions at the k times and at the k - 1
-        middles. The modes of each interval are those in force at its beginning.
-    """
-    points, middles = (
-        compute_motion_profile(machine, *trajectory.sample_offsets(at))
-        for at in (edges, (edges[1:] + edges[:-1]) // 2)
-    )
-    return Profiles(points, middles, schedule.modes_at_many(trajectory.stamp_ns + edges[:-1]))
 
 
 def _find_interval_limits(trajectory: Trajectory, schedule: ModeSchedule) -> IntArray:

@@ -12,11 +12,12 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.energy import Energy, compute_energy_of_profiles, compute_motion_energy
-from mhsb_planner.motion.motion_profile import MotionProfile, Profiles
+from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, find_overloads
-from mhsb_planner.motion.s3_candidates import Curve, FitMethod
+from mhsb_planner.motion.s3_candidates import FitMethod
 from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
 from mhsb_planner.motion.s4_mode_schedule import ScheduledMotion
+from mhsb_planner.motion.trajectory_points import Curve
 from mhsb_planner.search.discrete_path import DiscretePath
 
 
@@ -70,8 +71,10 @@ class FittedMotion:
         """Energy of the motion, leakage included [J]."""
         if self.middles is None:
             return compute_motion_energy(self.machine, self.trajectory, self.schedule)
-        profiles = Profiles(self.scheduled.profile, self.middles, self.scheduled.intervals)
-        return compute_energy_of_profiles(self.machine, self.trajectory.offset_ns, profiles)
+        made = self.scheduled
+        return compute_energy_of_profiles(
+            self.machine, self.trajectory.offset_ns, made.profile, self.middles, made.intervals
+        )
 
     @cached_property
     def speed_excess(self) -> float:

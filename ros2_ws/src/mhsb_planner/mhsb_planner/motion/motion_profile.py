@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from mhsb_model.statics import (
     get_chain,
 )
 from mhsb_model.trajectory import SECOND_NS, JointMotion, Trajectory, sample_midpoint_states
-from mhsb_model.types import FloatArray, ModeArray, as_frozen
+from mhsb_model.types import FloatArray, as_frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,20 +61,6 @@ class MotionProfile:
             self.inertia[rows],
             self.position[rows],
         )
-
-
-class Profiles(NamedTuple):
-    """Profiles of a motion at k instants and at the middles between them.
-
-    Attributes:
-        points: Profile at the k instants.
-        middles: Profile at the k - 1 middles.
-        modes: Modes in force between the instants, shape (k - 1, n).
-    """
-
-    points: MotionProfile
-    middles: MotionProfile
-    modes: ModeArray
 
 
 def compute_motion_profile(

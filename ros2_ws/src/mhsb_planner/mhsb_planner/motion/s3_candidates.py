@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from mhsb_planner.motion.s3_polynomial import compute_node_times, fit_polynomial
 from mhsb_planner.motion.s3_slowing import USAGE_RESERVE
 from mhsb_planner.motion.s3_state_to_rest import Steering, compute_steered_motion
 from mhsb_planner.motion.s4_mode_schedule import MIN_DWELL, StartModes
-from mhsb_planner.motion.trajectory_points import SmoothCurve
+from mhsb_planner.motion.trajectory_points import Curve
 from mhsb_planner.motion.via_check import ViaPoint
 from mhsb_planner.search.discrete_path import DiscretePath
 
@@ -141,14 +141,6 @@ class FitMethod(StrEnum):
     """A braking motion without a path."""
     CONTINUED = "continued"
     """The remaining part of the plan in force."""
-
-
-class Curve(SmoothCurve, Protocol):
-    """Joint motion along a discrete path, with the planned time of each node."""
-
-    @property
-    def node_time(self) -> FloatArray:
-        """Time at which the motion is to be at each node of the path, shape (k + 1,) [s]."""
 
 
 @dataclass(frozen=True)

@@ -47,15 +47,13 @@ PISTON_PHASES = 7
 
 @dataclass(frozen=True, eq=False)
 class Steering:
-    """Start in motion from which one curve leads straight to the goal, without a rest in between.
+    """Motion from a moving start straight to the goal on one curve, without a rest in between.
 
     Attributes:
-        start: State of the joints at the start of the motion.
         trajectory: Remainder of the plan in force, with stamp 0. Paths are searched from its end,
             but the motion leaves it at once.
     """
 
-    start: MotionState
     trajectory: Trajectory
 
     @property

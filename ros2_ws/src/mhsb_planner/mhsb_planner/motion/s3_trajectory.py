@@ -56,7 +56,6 @@ from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_candidates import (
     TRAJECTORY_KINDS,
-    Curve,
     CurveCandidate,
     FitMethod,
     FitRules,
@@ -77,7 +76,7 @@ from mhsb_planner.motion.s3_slowing import (
 )
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s4_mode_schedule import MIN_DWELL, N, ScheduledMotion, StartModes
-from mhsb_planner.motion.trajectory_points import join_trajectories, sample_curve
+from mhsb_planner.motion.trajectory_points import Curve, join_trajectories, sample_curve
 from mhsb_planner.motion.via_check import describe_first_missed
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
@@ -282,7 +281,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     coast = compute_coasting(machine, moving)
     ways: list[tuple[Trajectory | None, Coasting | Steering, FitRules]] = [
         (coast.trajectory, coast, FitRules.create_following()),
-        (None, Steering(moving, coast.trajectory), FitRules()),
+        (None, Steering(coast.trajectory), FitRules()),
     ]
     _fit_each(machine, path, MotionState.at_rest(middle), ways)
 

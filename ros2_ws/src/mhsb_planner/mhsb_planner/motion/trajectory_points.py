@@ -14,8 +14,12 @@ FEWEST_INTERVALS = 10
 """Least number of intervals between a trajectory's points."""
 
 
-class SmoothCurve(Protocol):
-    """Joint motion that can be sampled at any time."""
+class Curve(Protocol):
+    """Joint motion along a discrete path that can be sampled at any time."""
+
+    @property
+    def node_time(self) -> FloatArray:
+        """Time at which the motion is to be at each node of the path, shape (k + 1,) [s]."""
 
     @property
     def breaks(self) -> FloatArray:
@@ -33,7 +37,7 @@ class SmoothCurve(Protocol):
         """
 
 
-def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Trajectory:
+def sample_curve(curve: Curve, start: MotionState, end: FloatArray) -> Trajectory:
     """Sample a curve as a trajectory with stamp 0.
 
     The first point is set to `start`, and the last one to rest at `end`. A polynomial may begin or

@@ -102,40 +102,23 @@ def paths_from_anywhere(
         yield from paths_through_via_points(source, task, progress)
         return
     refused = None
-    own = _limit_to_direct_share(progress)
+    if progress.has_deadline:
+        later = (1.0 - DIRECT_SHARE) * max(0.0, progress.deadline.remaining)
+        progress.trial_deadline = progress.deadline.earlier_by(later)
     try:
-        for candidate in paths_through_via_points(source, task, own):
+        for candidate in paths_through_via_points(source, task, progress):
             yield candidate
-            own.reserve, own.has_motion = progress.reserve, progress.has_motion
-            own.min_speed_factor = progress.min_speed_factor
-            own.max_path_cost = progress.max_path_cost
             if progress.has_motion:
-                own.deadline = progress.deadline
+                progress.trial_deadline = None
     except MhsbError as error:
         refused = error
         progress.log.add_failure(task.options.planner, error)
+    progress.trial_deadline = None
     if not progress.has_motion and not progress.search_deadline.has_passed:
         with progress.log.record_failure(FIRST_MOVE):
             yield from _paths_over_first_moves(source, table, task, progress)
     if refused is not None and not progress.has_motion:
         raise refused
-
-
-def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
-    """Create a second state of the planning loop that has DIRECT_SHARE of the remaining time.
-
-    Args:
-        progress: State of the planning loop. If it has no deadline, the result has no deadline
-            either.
-
-    Returns:
-        The new state, with the same log. The caller must update its `has_motion`,
-        `min_speed_factor`, `max_path_cost` and `reserve`.
-    """
-    if not progress.has_deadline:
-        return PlanProgress(progress.deadline, log=progress.log)
-    later = (1.0 - DIRECT_SHARE) * max(0.0, progress.deadline.remaining)
-    return PlanProgress(progress.deadline.earlier_by(later), log=progress.log)
 
 
 def _paths_over_first_moves(
