@@ -27,24 +27,24 @@ class StraightPlanner(PathPlanner):
     name, summary = "straight", "turns all joints evenly to a near goal posture"
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield a path to each of these goal postures that has one."""
-        machine, options, start = graph.machine, task.options, task.departure
-        tip, modes = machine.tip_position(start), task.modes.modes
-        if task.begins_at_goal(machine):
+        machine, options, start = graph.machine, request.options, request.departure
+        tip, modes = machine.tip_position(start), request.modes.modes
+        if request.begins_at_goal(machine):
             yield PathProposal(DiscretePath.create_without_steps(tip, start, modes, 0.0))
             return
         psi, region = options.goal_psi, options.goal_region
-        goals = sample_goal_postures(machine, *task.planar_goal, psi, region=region)
+        goals = sample_goal_postures(machine, *request.planar_goal, psi, region=region)
         stroke = np.abs(goals.length - machine.cylinder_lengths(start)).max(axis=1)
         found = False
         for posture in goals.posture[np.argsort(stroke)[:3]]:
-            if path := price_path(machine, task, np.linspace(start, posture, 41), progress):
+            if path := price_path(machine, request, np.linspace(start, posture, 41), progress):
                 found = True
                 yield PathProposal(path)
         if not found:
-            raise NoPathError(tip, task.goal)
+            raise NoPathError(tip, request.goal)
 
     def warm_up(self, graph: StepGraph) -> None:
         """Call the kernels of `paths`, except those of steps, which are called for all planners."""

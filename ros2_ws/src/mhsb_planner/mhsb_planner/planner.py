@@ -206,9 +206,9 @@ class Planner:
         if self.machine.slews:
             source = SlewingPaths(self.machine, planner, self.graph)
         for stop in self._list_ways_to_rest(goal, start, brake, remainder, options):
-            task = self._create_request(goal, start, modes, stop, options)
+            request = self._create_request(goal, start, modes, stop, options)
             try:
-                return self._plan_request(task, source, deadline, remainder, log)
+                return self._plan_request(request, source, deadline, remainder, log)
             except DeadlineError as error:
                 raise append_remarks(
                     error, self.machine, self.graph.table, start.position
@@ -220,7 +220,7 @@ class Planner:
 
     def _plan_request(
         self,
-        task: PathRequest,
+        request: PathRequest,
         source: PathSource,
         deadline: Deadline,
         remainder: Trajectory | None,
@@ -229,7 +229,7 @@ class Planner:
         """Plan a motion for a request that names one way in which a moving arm comes to rest.
 
         Args:
-            task: The request.
+            request: The request.
             source: Source of paths of the whole arm.
             deadline: Instant at which the search for cheaper motions ends.
             remainder: Remaining part of the plan in force, or None. If it ends at the goal, it is
@@ -242,14 +242,16 @@ class Planner:
         Raises:
             MhsbError: There is no plan; `plan` lists the errors.
         """
-        loop = PlanningLoop(self.machine, task, deadline, log)
-        if remainder is not None and self._ends_at_goal(task.goal, remainder, task.options):
+        loop = PlanningLoop(self.machine, request, deadline, log)
+        if remainder is not None and self._ends_at_goal(request.goal, remainder, request.options):
             loop.start_with_remainder(remainder)
         deadline.check("planning")
-        plan = loop.choose_best(paths_from_anywhere(source, self.graph.table, task, loop.progress))
+        plan = loop.choose_best(
+            paths_from_anywhere(source, self.graph.table, request, loop.progress)
+        )
         if plan.motion.method != FitMethod.BRAKING:
-            plan = replace(plan, lower_bound=source.bound(task, loop.progress))
-        problems = describe_start_problems(self.machine, task.start.position)
+            plan = replace(plan, lower_bound=source.bound(request, loop.progress))
+        problems = describe_start_problems(self.machine, request.start.position)
         return replace(plan, start_problems=problems)
 
     def _compile(self, kind: str, deadline: Deadline) -> Deadline:
@@ -300,8 +302,8 @@ class Planner:
         start = MotionState.at_rest(path.posture[0])
         goal = tuple(path.tip[-1].tolist())
         options = options or PlanOptions()
-        task = self._create_request(goal, start, modes, None, options)
-        loop = PlanningLoop(self.machine, task, NO_DEADLINE, PlanLog())
+        request = self._create_request(goal, start, modes, None, options)
+        loop = PlanningLoop(self.machine, request, NO_DEADLINE, PlanLog())
         return loop.choose_best([PathProposal(path, proposer="path")])
 
     def _check_request(

@@ -105,7 +105,7 @@ that the caller can try something else.
 """
 
 
-def yield_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
+def yield_paths(problem: SearchProblem) -> Iterator[CylinderPath | None]:
     """Yield ever cheaper cylinder paths, the first as early as possible.
 
     A cylinder path is a polyline of cylinder lengths. There are three stages: straight lines,
@@ -120,7 +120,7 @@ def yield_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
     unless it has been yielded already.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
         A path that is cheaper than all earlier paths, or the value None before work that may take
@@ -132,38 +132,38 @@ def yield_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
     """
     best: CylinderPath | None = None
     last_yielded: CylinderPath | None = None
-    for route in yield_straight_paths(task):
+    for path in yield_straight_paths(problem):
         if best is None:
-            last_yielded = route
+            last_yielded = path
             yield last_yielded
-        best = route
-    if may_be_improved(task, best, MIN_LATTICE_GAP):
-        for route in yield_lattice_paths(task, best):
-            best = route or best
-            if route is None:
+        best = path
+    if may_be_improved(problem, best, MIN_LATTICE_GAP):
+        for path in yield_lattice_paths(problem, best):
+            best = path or best
+            if path is None:
                 yield None
-            elif last_yielded is None or route.cost < (1.0 - WORTH_A_MOTION) * last_yielded.cost:
-                last_yielded = route
+            elif last_yielded is None or path.cost < (1.0 - WORTH_A_MOTION) * last_yielded.cost:
+                last_yielded = path
                 yield last_yielded
     if best is None:
-        if task.progress.search_deadline.has_passed:
+        if problem.progress.search_deadline.has_passed:
             raise DeadlineError(SEARCH_TASK)
-        x, z = task.machine.tip_position(task.start)
-        raise NoPathError((float(x), float(z)), task.goals.tip, task.machine.obstacles.names)
-    if may_be_improved(task, best, MIN_RELATIVE_GAIN):
-        best = refine(task, best, lattice_spacings(task, best)[-1], task.limits.max_sweeps)
+        x, z = problem.machine.tip_position(problem.start)
+        raise NoPathError((float(x), float(z)), problem.goals.tip, problem.machine.obstacles.names)
+    if may_be_improved(problem, best, MIN_RELATIVE_GAIN):
+        best = refine(problem, best, lattice_spacings(problem, best)[-1], problem.limits.max_sweeps)
     if last_yielded is None or best.cost < last_yielded.cost:
         yield best
 
 
-def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float) -> bool:
+def may_be_improved(problem: SearchProblem, best: CylinderPath | None, share: float) -> bool:
     """Return whether the incumbent is still too expensive, and there is time to improve it.
 
-    The first call with an incumbent computes the lower bound of `task` by branch and bound. If this
-    bound exceeds `max_path_cost` of the planning loop, the loop would skip every further path.
+    The first call with an incumbent computes the lower bound of `problem` by branch and bound. If
+    this bound exceeds `max_path_cost` of the planning loop, the loop would skip every further path.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent (cheapest path so far); None if there is none.
         share: The incumbent is good enough if it costs at most (1 + share) times the lower bound
             [-].
@@ -172,10 +172,10 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
         False if the deadline of the search has passed, if the incumbent is good enough, or if no
         path is cheap enough for the loop. Otherwise True, also without an incumbent.
     """
-    progress = task.progress
+    progress = problem.progress
     if best is not None:
         max_bound = min(best.cost / (1.0 + share), progress.max_path_cost)
-        if task.lower_bound >= max_bound:
+        if problem.lower_bound >= max_bound:
             return False
     return not progress.search_deadline.has_passed
 
@@ -183,7 +183,7 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
 # --- Straight lines ------------------------------------------------------------------------------
 
 
-def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
+def yield_straight_paths(problem: SearchProblem) -> Iterator[CylinderPath | None]:
     """Yield ever cheaper straight cylinder paths, to a choice of goal postures.
 
     The first round tries every STRAIGHT_GOAL_STRIDE-th goal posture. The goal posture with the
@@ -193,18 +193,18 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
     also ends early when the search deadline has passed.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
         Lines, each cheaper than all earlier lines. While there is no line, the value None is
         yielded twice: after FIRST_LINES trials and at the end of the first round. The caller can
         then try something else. If the search deadline has passed, None comes without trials.
     """
-    count = len(task.goal_lower_bounds)
-    order = _sort_by_lower_bound(task, np.arange(0, count, STRAIGHT_GOAL_STRIDE))
+    count = len(problem.goal_lower_bounds)
+    order = _sort_by_lower_bound(problem, np.arange(0, count, STRAIGHT_GOAL_STRIDE))
     best: CylinderPath | None = None
     for part in (order[:FIRST_LINES], order[FIRST_LINES:]):
-        for line in _yield_cheaper_lines(task, part, best):
+        for line in _yield_cheaper_lines(problem, part, best):
             best = line
             yield line
         if best is None:
@@ -213,24 +213,24 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
         first, last = (best.goal_index + side * (STRAIGHT_GOAL_STRIDE - 1) for side in (-1, 1))
         beside = np.arange(max(0, first), min(count, last + 1))
         beside = beside[beside % STRAIGHT_GOAL_STRIDE > 0]
-        yield from _yield_cheaper_lines(task, _sort_by_lower_bound(task, beside), best)
+        yield from _yield_cheaper_lines(problem, _sort_by_lower_bound(problem, beside), best)
 
 
-def _sort_by_lower_bound(task: SearchProblem, numbers: IntArray) -> IntArray:
+def _sort_by_lower_bound(problem: SearchProblem, numbers: IntArray) -> IntArray:
     """Sort goal postures by the lower bound on the cost of a path to them.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         numbers: Indices of goal postures.
 
     Returns:
         The indices in ascending order of the bound.
     """
-    return numbers[np.argsort(task.goal_lower_bounds[numbers], kind="stable")]
+    return numbers[np.argsort(problem.goal_lower_bounds[numbers], kind="stable")]
 
 
 def _yield_cheaper_lines(
-    task: SearchProblem, numbers: IntArray, best: CylinderPath | None
+    problem: SearchProblem, numbers: IntArray, best: CylinderPath | None
 ) -> Iterator[CylinderPath]:
     """Yield ever cheaper straight cylinder paths to given goal postures.
 
@@ -238,7 +238,7 @@ def _yield_cheaper_lines(
     bound is not below the incumbent's cost, or when the time is up.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         numbers: Indices of goal postures, the least lower bound on the cost first.
         best: Incumbent (cheapest path so far); None if there is none.
 
@@ -248,20 +248,22 @@ def _yield_cheaper_lines(
     """
     for k in numbers.tolist():
         limit = math.inf if best is None else best.cost
-        if task.goal_lower_bounds[k] >= limit or task.progress.search_deadline.has_passed:
+        if problem.goal_lower_bounds[k] >= limit or problem.progress.search_deadline.has_passed:
             break
-        via = np.array([task.start_lengths, task.goals.length[k]])
-        pieces = task.compute_pieces(via) if best is None else None  # the first path is converted
-        cost = task.price(via, limit) if pieces is None else pieces.cost
+        via = np.array([problem.start_lengths, problem.goals.length[k]])
+        pieces = (
+            problem.compute_pieces(via) if best is None else None
+        )  # the first path is converted
+        cost = problem.price(via, limit) if pieces is None else pieces.cost
         if cost < limit:
-            best = task.path_to_goal(via, k, cost, pieces)
+            best = problem.path_to_goal(via, k, cost, pieces)
             yield best
 
 
 # --- Lattices ------------------------------------------------------------------------------------
 
 
-def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
+def lattice_spacings(problem: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
     With an incumbent (cheapest path so far), the spacings depend on `stroke`: the largest
@@ -280,18 +282,20 @@ def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[flo
     of successive spacings is at most `spacing_ratio`.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent; None if there is none.
 
     Returns:
         Spacings [m] from `first` to `last`, both included; one spacing if they are equal.
     """
-    effort = task.limits
+    effort = problem.limits
     if best is None:
         first, last = effort.max_first_spacing, effort.max_last_spacing
     else:
-        worth = np.vstack([best.waypoints, task.goals.length[task.goal_lower_bounds < best.cost]])
-        stroke = float(np.max(np.abs(worth - task.start_lengths)))
+        worth = np.vstack(
+            [best.waypoints, problem.goals.length[problem.goal_lower_bounds < best.cost]]
+        )
+        stroke = float(np.max(np.abs(worth - problem.start_lengths)))
         last = min(
             effort.max_last_spacing, max(effort.min_spacing, stroke / effort.finest_step_count)
         )
@@ -301,7 +305,7 @@ def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[flo
 
 
 def yield_lattice_paths(
-    task: SearchProblem, best: CylinderPath | None
+    problem: SearchProblem, best: CylinderPath | None
 ) -> Iterator[CylinderPath | None]:
     """Search lattices of decreasing spacing and yield ever cheaper cylinder paths.
 
@@ -318,7 +322,7 @@ def yield_lattice_paths(
     also ends as soon as `_max_expansions` states have been expanded.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent; None if there is none.
 
     Yields:
@@ -326,39 +330,39 @@ def yield_lattice_paths(
         from the lattice. The value None is yielded after QUICK_LATTICE_COUNT lattices, and before
         each lattice in the second half of the time. The caller can then try something else.
     """
-    for number, spacing in enumerate(lattice_spacings(task, best)):
-        if number == QUICK_LATTICE_COUNT or task.progress.is_half_over:
+    for number, spacing in enumerate(lattice_spacings(problem, best)):
+        if number == QUICK_LATTICE_COUNT or problem.progress.is_half_over:
             yield None
-        if best is not None and may_be_improved(task, best, MIN_LATTICE_GAP):
-            best = refine(task, best, spacing)
+        if best is not None and may_be_improved(problem, best, MIN_LATTICE_GAP):
+            best = refine(problem, best, spacing)
             yield best
-        for priced_by in _lattice_cost_models(task.cost_model, best):
-            spent = best is not None and task.expanded >= _max_expansions(task, best)
-            if spent or not may_be_improved(task, best, MIN_LATTICE_GAP):
+        for priced_by in _lattice_cost_models(problem.cost_model, best):
+            spent = best is not None and problem.expanded >= _max_expansions(problem, best)
+            if spent or not may_be_improved(problem, best, MIN_LATTICE_GAP):
                 return
-            found = search_lattice(task, priced_by, best, spacing)
+            found = search_lattice(problem, priced_by, best, spacing)
             if found is None and best is None:
                 break
             if found is not None and (best is None or not _runs_beside(found, best, spacing)):
-                found = refine(task, found, spacing)
+                found = refine(problem, found, spacing)
                 if best is None or found.cost < best.cost:
                     best = found
                     yield best
 
 
-def _max_expansions(task: SearchProblem, best: CylinderPath) -> int:
+def _max_expansions(problem: SearchProblem, best: CylinderPath) -> int:
     """Return the number of states that all lattice searches of a problem may expand together.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent (cheapest path so far).
 
     Returns:
         `max_expansions` of the problem's limits. If the planning loop would skip a path of the
         incumbent's cost, TOO_DEAR_EFFORT times as much.
     """
-    most = task.limits.max_expansions
-    return most if best.cost <= task.progress.max_path_cost else int(TOO_DEAR_EFFORT * most)
+    most = problem.limits.max_expansions
+    return most if best.cost <= problem.progress.max_path_cost else int(TOO_DEAR_EFFORT * most)
 
 
 def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[PathCostModel, ...]:
@@ -382,7 +386,7 @@ def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[P
 
 
 def search_lattice(
-    task: SearchProblem,
+    problem: SearchProblem,
     priced_by: PathCostModel,
     best: CylinderPath | None,
     spacing: float,
@@ -393,7 +397,7 @@ def search_lattice(
 
     With an incumbent, A* looks for a path below MAX_SEARCHED_COST_RATIO times the incumbent's cost.
     Only goal postures with a lower bound below the incumbent's cost are goals. The search expands
-    at most `_max_expansions` − `task.expanded` states. Its heuristic weight is 1, or
+    at most `_max_expansions` − `problem.expanded` states. Its heuristic weight is 1, or
     DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
@@ -402,58 +406,61 @@ def search_lattice(
     not the cheapest.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model of the search; it replaces the cost model of `task`.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
+        priced_by: Cost model of the search; it replaces the cost model of `problem`.
         best: Incumbent (cheapest path so far); None if there is none.
         spacing: Spacing of the lattice [m].
 
     Returns:
-        The path, priced with the cost model of `task`. None if no path was found, or if the path is
-        inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent.
+        The path, priced with the cost model of `problem`. None if no path was found, or if the path
+        is inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent.
         Also None, without creating a lattice, if no goal posture has a lower bound below the
         incumbent's cost.
     """
     limit = math.inf if best is None else best.cost
-    worth = np.flatnonzero(task.goal_lower_bounds < limit)
+    worth = np.flatnonzero(problem.goal_lower_bounds < limit)
     if len(worth) == 0:
         return None
-    search = create_lattice_search(task, priced_by, worth, spacing)
+    search = create_lattice_search(problem, priced_by, worth, spacing)
     if best is not None:
-        left = _max_expansions(task, best) - task.expanded
+        left = _max_expansions(problem, best) - problem.expanded
         heuristic_weight = (
             DEADLINE_HEURISTIC_WEIGHT
-            if task.progress.has_deadline and len(task.start_lengths) > 3
+            if problem.progress.has_deadline and len(problem.start_lengths) > 3
             else 1.0
         )
         found = search.search(
-            MAX_SEARCHED_COST_RATIO * limit, left, task.progress.search_deadline, heuristic_weight
+            MAX_SEARCHED_COST_RATIO * limit,
+            left,
+            problem.progress.search_deadline,
+            heuristic_weight,
         )
     else:
         found = search.search(
-            math.inf, FIRST_STATES, task.progress.search_deadline, FIRST_HEURISTIC_WEIGHT
+            math.inf, FIRST_STATES, problem.progress.search_deadline, FIRST_HEURISTIC_WEIGHT
         )
         if found is None and not search.exhausted:
-            _count_work(task, search)
-            search = create_lattice_search(task, priced_by, worth, spacing)
+            _count_work(problem, search)
+            search = create_lattice_search(problem, priced_by, worth, spacing)
             found = search.search(
                 math.inf,
                 sys.maxsize,
-                task.progress.search_deadline,
+                problem.progress.search_deadline,
                 FIRST_HEURISTIC_WEIGHT,
                 reachability_only=True,
             )
-    _count_work(task, search)
+    _count_work(problem, search)
     if found is None:
         return None
     via, k = found
-    cost = task.price(via, MAX_REFINED_COST_RATIO * limit)
-    return task.path_to_goal(via, int(worth[k]), cost) if cost < math.inf else None
+    cost = problem.price(via, MAX_REFINED_COST_RATIO * limit)
+    return problem.path_to_goal(via, int(worth[k]), cost) if cost < math.inf else None
 
 
-def _count_work(task: SearchProblem, search: LatticeSearch) -> None:
+def _count_work(problem: SearchProblem, search: LatticeSearch) -> None:
     """Add the counts of a lattice search to the problem's work, once after its end."""
-    task.expanded += search.expanded_count
-    task.priced += search.priced_count
+    problem.expanded += search.expanded_count
+    problem.priced += search.priced_count
 
 
 def _runs_beside(found: CylinderPath, best: CylinderPath, spacing: float) -> bool:
@@ -479,7 +486,7 @@ def _runs_beside(found: CylinderPath, best: CylinderPath, spacing: float) -> boo
 
 
 def create_lattice_search(
-    task: SearchProblem, priced_by: PathCostModel, goal_indices: IntArray, spacing: float
+    problem: SearchProblem, priced_by: PathCostModel, goal_indices: IntArray, spacing: float
 ) -> LatticeSearch:
     """Create the search over a lattice to a selection of the goal postures.
 
@@ -487,31 +494,31 @@ def create_lattice_search(
     SPACING_GROWTH until the lattice has at most MAX_LATTICE_POINTS points.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model of the search; it replaces the cost model of `task`.
-        goal_indices: Indices of the goal postures of `task` to search for. The search numbers them
-            anew from 0 in this order.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
+        priced_by: Cost model of the search; it replaces the cost model of `problem`.
+        goal_indices: Indices of the goal postures of `problem` to search for. The search numbers
+            them anew from 0 in this order.
         spacing: Spacing of the lattice [m].
 
     Returns:
-        A search that has expanded nothing. It uses the working memory of `task`.
+        A search that has expanded nothing. It uses the working memory of `problem`.
     """
-    goals = describe_postures(task.machine.arrays, task.goals.posture[goal_indices])
-    points = _create_lattice(task, spacing)
+    goals = describe_postures(problem.machine.arrays, problem.goals.posture[goal_indices])
+    points = _create_lattice(problem, spacing)
     while points.shape.prod() > MAX_LATTICE_POINTS:
         spacing *= SPACING_GROWTH
-        points = _create_lattice(task, spacing)
-    return LatticeSearch(priced_by, task.buffers, points, goals)
+        points = _create_lattice(problem, spacing)
+    return LatticeSearch(priced_by, problem.buffers, points, goals)
 
 
-def _create_lattice(task: SearchProblem, spacing: float) -> Lattice:
+def _create_lattice(problem: SearchProblem, spacing: float) -> Lattice:
     """Create the lattice of a search problem with a given spacing.
 
     Without obstacles the spacing is equal in all cylinder lengths. With obstacles the positions of
     each joint are evenly spaced, more closely for inner joints.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         spacing: Spacing of the cylinder lengths [m]. With obstacles, the spacing of each joint is
             chosen so that no part of the arm moves by more than MAX_MOTION_PER_SPACING · spacing in
             one step.
@@ -519,30 +526,32 @@ def _create_lattice(task: SearchProblem, spacing: float) -> Lattice:
     Returns:
         The lattice; the start is one of its points.
     """
-    if len(task.cost_model.obstacles) > 0:
-        return lattice_even_in_angles(task.machine, task.start, MAX_MOTION_PER_SPACING * spacing)
-    return lattice_even_in_lengths(task.machine, task.start, spacing)
+    if len(problem.cost_model.obstacles) > 0:
+        return lattice_even_in_angles(
+            problem.machine, problem.start, MAX_MOTION_PER_SPACING * spacing
+        )
+    return lattice_even_in_lengths(problem.machine, problem.start, spacing)
 
 
 # --- Small changes -------------------------------------------------------------------------------
 
 
-def _end_tip(task: SearchProblem, route: CylinderPath) -> tuple[float, float]:
+def _end_tip(problem: SearchProblem, path: CylinderPath) -> tuple[float, float]:
     """Return the tip position at the end of a cylinder path.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        route: The path; its `goal_index` is read.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
+        path: The path; its `goal_index` is read.
 
     Returns:
         Position (x, z) [m].
     """
-    x, z = task.goals.tips[route.goal_index].tolist()
+    x, z = problem.goals.tips[path.goal_index].tolist()
     return x, z
 
 
 def refine(
-    task: SearchProblem, best: CylinderPath, spacing: float, fine_sweeps: int = 1
+    problem: SearchProblem, best: CylinderPath, spacing: float, fine_sweeps: int = 1
 ) -> CylinderPath:
     """Improve a cylinder path: remove waypoints, then move them by shares of a lattice spacing.
 
@@ -555,7 +564,7 @@ def refine(
     deadline.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
         best: The path.
         spacing: Lattice spacing, the unit of the strides [m].
         fine_sweeps: Largest number of sweeps with the last stride; each other stride has up to
@@ -565,27 +574,27 @@ def refine(
         The improved path; `best` itself if no cheaper path was found.
     """
     via, _ = remove_waypoints(
-        task.cost_model,
-        task.buffers,
+        problem.cost_model,
+        problem.buffers,
         best.waypoints,
-        task.start,
+        problem.start,
         best.cost,
-        task.progress.search_deadline,
+        problem.progress.search_deadline,
     )
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
-    route = replace(best, waypoints=via, cost=task.price(via), pieces=None)
-    effort, last = task.limits, task.cost_model.max_piece_stroke
-    rough = MAX_COARSE_PIECE_STROKE * task.machine.relative_size
+    path = replace(best, waypoints=via, cost=problem.price(via), pieces=None)
+    effort, last = problem.limits, problem.cost_model.max_piece_stroke
+    rough = MAX_COARSE_PIECE_STROKE * problem.machine.relative_size
     for stride in effort.stride_shares[:-1]:
-        route = _sweep_with_stride(task, route, spacing, stride, effort.max_sweeps, rough)
-    route = _sweep_with_stride(task, route, spacing, effort.stride_shares[-1], fine_sweeps, last)
-    return route if route.cost < best.cost else best
+        path = _sweep_with_stride(problem, path, spacing, stride, effort.max_sweeps, rough)
+    path = _sweep_with_stride(problem, path, spacing, effort.stride_shares[-1], fine_sweeps, last)
+    return path if path.cost < best.cost else best
 
 
 def _sweep_with_stride(
-    task: SearchProblem,
-    route: CylinderPath,
+    problem: SearchProblem,
+    path: CylinderPath,
     spacing: float,
     stride: float,
     rounds: int,
@@ -600,28 +609,30 @@ def _sweep_with_stride(
     cost by less than the share MIN_RELATIVE_GAIN.
 
     Args:
-        task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        route: The path; it is not changed.
+        problem: The search problem: start, goal postures, cost model, effort limits and deadline.
+        path: The path; it is not changed.
         spacing: Lattice spacing [m].
         stride: Stride as a share of the spacing [-].
         rounds: Largest number of sweeps.
         piece: Largest stroke of a cylinder within the pieces by which the sweeps price paths [m].
 
     Returns:
-        The path with the least real cost among `route` and the results of the sweeps.
+        The path with the least real cost among `path` and the results of the sweeps.
     """
-    t, w, until = task.cost_model, task.buffers, task.progress.search_deadline
+    t, w, until = problem.cost_model, problem.buffers, problem.progress.search_deadline
     rough = t._replace(max_piece_stroke=piece)
-    strides = Strides(stride * spacing, task.limits.goal_turn * stride * task.goals.free_units)
-    via, free = route.waypoints.copy(), route.free.copy()
-    path = SweptPath(via, task.start, _end_tip(task, route), route.elbow, free)
-    cost = float(price_path(rough, w, via, task.start, math.inf))
+    strides = Strides(
+        stride * spacing, problem.limits.goal_turn * stride * problem.goals.free_units
+    )
+    via, free = path.waypoints.copy(), path.free.copy()
+    swept = SweptPath(via, problem.start, _end_tip(problem, path), path.elbow, free)
+    cost = float(price_path(rough, w, via, problem.start, math.inf))
     for _ in range(rounds):
         before = cost
-        cost = sweep_waypoints(rough, w, path, cost, strides, until)
-        counts = cost if piece == t.max_piece_stroke else task.price(via, route.cost)
-        if counts < route.cost:
-            route = replace(route, waypoints=via.copy(), free=free.copy(), cost=counts, pieces=None)
-        if counts > route.cost or cost > (1.0 - MIN_RELATIVE_GAIN) * before:
+        cost = sweep_waypoints(rough, w, swept, cost, strides, until)
+        counts = cost if piece == t.max_piece_stroke else problem.price(via, path.cost)
+        if counts < path.cost:
+            path = replace(path, waypoints=via.copy(), free=free.copy(), cost=counts, pieces=None)
+        if counts > path.cost or cost > (1.0 - MIN_RELATIVE_GAIN) * before:
             break
-    return route
+    return path

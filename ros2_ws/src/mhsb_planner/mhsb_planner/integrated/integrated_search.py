@@ -28,14 +28,15 @@ from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm
 from mhsb_planner.search.s2_search import PathQuery, Weights
 
 
-def yield_paths(task: SearchProblem) -> Iterator[DiscretePath | None]:
+def yield_paths(problem: SearchProblem) -> Iterator[DiscretePath | None]:
     """Yield ever cheaper discrete paths from the start to the goal.
 
     Straight paths come first, then paths from lattices and local changes. If the arm starts at the
     goal, one path without steps is yielded.
 
     Args:
-        task: Search problem. The work for its paths is done once, so it gives its paths once.
+        problem: The search problem. The work for its paths is done once, so it gives its paths
+            once.
 
     Yields:
         A path, or the value None before work that may take long. At None, the caller can try
@@ -45,29 +46,29 @@ def yield_paths(task: SearchProblem) -> Iterator[DiscretePath | None]:
         NoPathError: The search has ended without any path.
         DeadlineError: The time was up before there was a path.
     """
-    if task.query.begins_at_goal(task.machine):
-        tip, seconds = task.machine.tip_position(task.start), task.statistics.seconds
-        yield DiscretePath.create_without_steps(tip, task.start, task.start_modes, seconds)
+    if problem.query.begins_at_goal(problem.machine):
+        tip, seconds = problem.machine.tip_position(problem.start), problem.statistics.seconds
+        yield DiscretePath.create_without_steps(tip, problem.start, problem.start_modes, seconds)
         return
-    for best in anytime_search.yield_paths(task):
-        yield None if best is None else task.convert_to_discrete(best)
+    for best in anytime_search.yield_paths(problem):
+        yield None if best is None else problem.convert_to_discrete(best)
 
 
-def find_best_path(task: SearchProblem) -> DiscretePath:
+def find_best_path(problem: SearchProblem) -> DiscretePath:
     """Run the search to its end, or to its deadline, and return the cheapest path.
 
     Args:
-        task: Search problem.
+        problem: The search problem.
 
     Raises:
         NoPathError: There is no path.
         DeadlineError: The time was up before there was a path.
     """
-    return [path for path in yield_paths(task) if path is not None][-1]
+    return [path for path in yield_paths(problem) if path is not None][-1]
 
 
 def improve_path(
-    task: SearchProblem, via: FloatArray, spacings: tuple[float, ...]
+    problem: SearchProblem, via: FloatArray, spacings: tuple[float, ...]
 ) -> DiscretePath | None:
     """Improve a given cylinder path by local changes.
 
@@ -75,7 +76,7 @@ def improve_path(
     postures is their largest difference of a cylinder length.
 
     Args:
-        task: Search problem.
+        problem: The search problem.
         via: Waypoints (cylinder lengths) from the start to a goal posture, shape (points, n) [m].
         spacings: Lattice spacings, in the order of use [m]. Waypoints move by shares of these.
 
@@ -83,13 +84,13 @@ def improve_path(
         The improved path, or the given one if nothing improves it; None if the given path is
         inadmissible.
     """
-    off = np.abs(task.goals.length - via[-1]).max(axis=1)
-    route = task.path_to_goal(via, int(np.argmin(off)), task.price(via))
-    if route.cost == math.inf:
+    off = np.abs(problem.goals.length - via[-1]).max(axis=1)
+    path = problem.path_to_goal(via, int(np.argmin(off)), problem.price(via))
+    if path.cost == math.inf:
         return None
     for spacing in spacings:
-        route = anytime_search.refine(task, route, spacing, task.limits.max_sweeps)
-    return task.convert_to_discrete(route)
+        path = anytime_search.refine(problem, path, spacing, problem.limits.max_sweeps)
+    return problem.convert_to_discrete(path)
 
 
 def search(
@@ -133,8 +134,8 @@ def warm_up(machine: Machine) -> None:
     Args:
         machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
-    task = _example_problem(machine)
-    search(task.machine, task.query, effort=task.limits)
+    problem = _example_problem(machine)
+    search(problem.machine, problem.query, effort=problem.limits)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
         part(machine)
 
@@ -145,10 +146,10 @@ def warm_up_pricing(machine: Machine) -> None:
     Args:
         machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
-    task = _example_problem(machine)
-    task.price(_straight_line(task))
-    sample_goal_postures(machine, *task.goals.tip, None, task.limits.psi_spacing)
-    ik_near_start.warm_up(machine, task.start, task.cost_model.circuit)
+    problem = _example_problem(machine)
+    problem.price(_straight_line(problem))
+    sample_goal_postures(machine, *problem.goals.tip, None, problem.limits.psi_spacing)
+    ik_near_start.warm_up(machine, problem.start, problem.cost_model.circuit)
 
 
 def warm_up_paths(machine: Machine) -> None:
@@ -157,9 +158,9 @@ def warm_up_paths(machine: Machine) -> None:
     Args:
         machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
-    task = _example_problem(machine)
-    _ = task.lower_bound
-    task.convert_to_discrete(task.path_to_goal(_straight_line(task), 0, 0.0))
+    problem = _example_problem(machine)
+    _ = problem.lower_bound
+    problem.convert_to_discrete(problem.path_to_goal(_straight_line(problem), 0, 0.0))
 
 
 def warm_up_lattice(machine: Machine) -> None:
@@ -168,11 +169,11 @@ def warm_up_lattice(machine: Machine) -> None:
     Args:
         machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
-    task = _example_problem(machine)
+    problem = _example_problem(machine)
     lattice = anytime_search.create_lattice_search(
-        task, task.cost_model, np.array([0]), task.limits.max_first_spacing
+        problem, problem.cost_model, np.array([0]), problem.limits.max_first_spacing
     )
-    lattice.search(math.inf, task.limits.max_expansions)
+    lattice.search(math.inf, problem.limits.max_expansions)
 
 
 def warm_up_refinement(machine: Machine) -> None:
@@ -181,15 +182,17 @@ def warm_up_refinement(machine: Machine) -> None:
     Args:
         machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
-    task = _example_problem(machine)
+    problem = _example_problem(machine)
     anytime_search.refine(
-        task, task.path_to_goal(_straight_line(task), 0, math.inf), task.limits.max_first_spacing
+        problem,
+        problem.path_to_goal(_straight_line(problem), 0, math.inf),
+        problem.limits.max_first_spacing,
     )
 
 
-def _straight_line(task: SearchProblem) -> FloatArray:
+def _straight_line(problem: SearchProblem) -> FloatArray:
     """Return the waypoints of the straight line to the first goal posture, shape (2, n) [m]."""
-    return np.array([task.start_lengths, task.goals.length[0]])
+    return np.array([problem.start_lengths, problem.goals.length[0]])
 
 
 def _example_problem(machine: Machine) -> SearchProblem:

@@ -20,7 +20,7 @@ class FixedPlanner(PathPlanner):
     takes = ("search", "heuristic_scale", "initial_j3")
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield paths in the graph of kept joints, by the exact or the published search.
 
@@ -31,7 +31,7 @@ class FixedPlanner(PathPlanner):
 
         Args:
             graph: Step graph of the posture table; only machine, posture table and grid are read.
-            task: The request.
+            request: The request.
             progress: State of the planning loop, with the time limit of the search.
 
         Yields:
@@ -42,19 +42,19 @@ class FixedPlanner(PathPlanner):
         Raises:
             MhsbError: There is no path, or the deadline passed before one was found.
         """
-        machine, j3 = graph.machine, task.options.initial_j3
+        machine, j3 = graph.machine, request.options.initial_j3
         kept = fixed_j3.read_kept_angles(
-            machine, task.departure
+            machine, request.departure
         )  # a noisy start may be beyond limits
         own = fixed_j3.build_fixed_j3_graph(
             machine,
             graph.table,
             kept if j3 is None else j3,
-            fixed_j3.find_elbow_side(machine, task.departure),
+            fixed_j3.find_elbow_side(machine, request.departure),
             grid=graph.grid,
             deadline=progress.search_deadline,
         )
-        yield from map(PathProposal, yield_graph_paths(own, task, progress))
+        yield from map(PathProposal, yield_graph_paths(own, request, progress))
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile the kernels of the conventional method."""

@@ -47,7 +47,7 @@ class IntegratedPlanner(PathPlanner):
     baselines = BASELINE_PLANNERS
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield paths of the integrated search, and between them paths of other searches.
 
@@ -57,8 +57,8 @@ class IntegratedPlanner(PathPlanner):
         Args:
             graph: Step graph (steps between postures) of the posture table; provides machine and
                 table.
-            task: The request. If the manipulability loss has a weight, all baselines have an early
-                turn, because the integrated search takes long.
+            request: The request. If the manipulability loss has a weight, all baselines have an
+                early turn, because the integrated search takes long.
             progress: State of the planning loop, with deadline and log.
 
         Yields:
@@ -69,25 +69,25 @@ class IntegratedPlanner(PathPlanner):
             MhsbError: The integrated search has failed. Failures of other searches are only logged.
         """
         machine = graph.machine
-        problem = SearchProblem.create(machine, task.query, area=task.area, progress=progress)
+        problem = SearchProblem.create(machine, request.query, area=request.area, progress=progress)
         found = integrated_search.yield_paths(problem)
         own = Proposer(self.name, (path if path is None else PathProposal(path) for path in found))
-        paths = _paths_without_leakage(machine, task, progress)
+        paths = _paths_without_leakage(machine, request, progress)
         leak_free = Proposer(f"{self.name} without leakage", paths)
-        baselines = self._create_baselines(graph, task, progress)
-        weighs_area = task.area.weight > 0.0
+        baselines = self._create_baselines(graph, request, progress)
+        weighs_area = request.area.weight > 0.0
         schedule = schedule_proposers(
             own,
             leak_free,
             baselines,
             progress,
-            slew_time=task.slew_demand.time,
+            slew_time=request.slew_demand.time,
             early_count=len(baselines) if weighs_area else 1,
         )
         yield from take_turns(schedule, progress, own)
 
     def _create_baselines(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> list[Proposer]:
         """Create the proposers (sources of paths) with which the integrated search is compared.
 
@@ -100,27 +100,27 @@ class IntegratedPlanner(PathPlanner):
 
         Args:
             graph: Step graph (steps between postures) of the posture table.
-            task: The request.
+            request: The request.
             progress: State of the planning loop, with deadline and log.
 
         Returns:
             The proposers, the quickest first.
         """
-        compare = partial(_for_comparison, graph.machine, task)
+        compare = partial(_for_comparison, graph.machine, request)
         baselines = [
-            Proposer(each.name, compare(_baseline_paths(each, graph, task, progress)))
+            Proposer(each.name, compare(_baseline_paths(each, graph, request, progress)))
             for each in self.baselines
         ]
-        if task.area.weight > 0.0:
-            paths = compare(_path_without_area(graph.machine, task, progress))
+        if request.area.weight > 0.0:
+            paths = compare(_path_without_area(graph.machine, request, progress))
             baselines.insert(0, Proposer(f"{self.name} without area", paths))
-        if task.options.goal_region is not None:
-            paths = self._paths_to_goal_alone(graph, task, progress)
+        if request.options.goal_region is not None:
+            paths = self._paths_to_goal_alone(graph, request, progress)
             baselines.append(Proposer(f"{self.name} to the goal alone", paths))
         return baselines
 
     def _paths_to_goal_alone(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield this planner's paths to the goal itself, as if the request had no goal region.
 
@@ -128,7 +128,7 @@ class IntegratedPlanner(PathPlanner):
 
         Args:
             graph: Step graph (steps between postures) of the posture table.
-            task: The request with its goal region.
+            request: The request with its goal region.
             progress: State of the planning loop, with deadline and log.
 
         Yields:
@@ -138,7 +138,7 @@ class IntegratedPlanner(PathPlanner):
         Raises:
             MhsbError: There is no path, or the deadline passed before one was found.
         """
-        alone = replace(task, options=replace(task.options, goal_region=None))
+        alone = replace(request, options=replace(request.options, goal_region=None))
         for proposal in self.paths(graph, alone, progress):
             proposer = f"{proposal.proposer} to the goal alone"
             yield proposal._replace(for_comparison=True, proposer=proposer)
@@ -155,7 +155,7 @@ class IntegratedPlanner(PathPlanner):
 
 
 def _paths_without_leakage(
-    machine: Machine, task: PathRequest, progress: PlanProgress
+    machine: Machine, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield the paths of an integrated search that ignores leakage when it compares paths.
 
@@ -164,14 +164,14 @@ def _paths_without_leakage(
 
     Args:
         machine: The arm without a slewing joint.
-        task: The request.
+        request: The request.
         progress: State of the planning loop.
 
     Yields:
         Path proposals. Their costs include leakage.
     """
     problem = SearchProblem.create(
-        machine, task.query, area=task.area, counts_leakage=False, progress=progress
+        machine, request.query, area=request.area, counts_leakage=False, progress=progress
     )
     for path in integrated_search.yield_paths(problem):
         if path is not None:
@@ -179,13 +179,13 @@ def _paths_without_leakage(
 
 
 def _path_without_area(
-    machine: Machine, task: PathRequest, progress: PlanProgress
+    machine: Machine, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield the path that is cheapest if the manipulability loss has no weight.
 
     Args:
         machine: The arm without a slewing joint.
-        task: The request.
+        request: The request.
         progress: State of the planning loop.
 
     Yields:
@@ -194,12 +194,12 @@ def _path_without_area(
     Raises:
         MhsbError: There is no path.
     """
-    problem = SearchProblem.create(machine, task.query, progress=progress)
+    problem = SearchProblem.create(machine, request.query, progress=progress)
     yield PathProposal(integrated_search.find_best_path(problem))
 
 
 def _baseline_paths(
-    baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
+    baseline: PathPlanner, graph: StepGraph, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield each path of a baseline twice, for two methods of making a motion of it.
 
@@ -211,18 +211,18 @@ def _baseline_paths(
     Args:
         baseline: The baseline.
         graph: Step graph (steps between postures) of the posture table.
-        task: The request.
+        request: The request.
         progress: State of the planning loop.
 
     Yields:
         Path proposals.
     """
-    for proposal in baseline.paths(graph, task, progress):
-        yield from propose_in_both_ways(proposal, baseline, task)
+    for proposal in baseline.paths(graph, request, progress):
+        yield from propose_in_both_ways(proposal, baseline, request)
 
 
 def _for_comparison(
-    machine: Machine, task: PathRequest, proposals: Iterator[PathProposal]
+    machine: Machine, request: PathRequest, proposals: Iterator[PathProposal]
 ) -> Iterator[PathProposal]:
     """Mark proposals as made for comparison, and add the manipulability loss to their costs.
 
@@ -231,7 +231,7 @@ def _for_comparison(
 
     Args:
         machine: The arm without a slewing joint.
-        task: The request. Only `area` is read.
+        request: The request. Only `area` is read.
         proposals: Proposals whose costs do not contain the manipulability loss.
 
     Yields:
@@ -239,9 +239,9 @@ def _for_comparison(
     """
     for proposal in proposals:
         path = proposal.path
-        if task.area.weight > 0.0:
+        if request.area.weight > 0.0:
             shortfall = compute_area_along_path(machine, path).compute_area_loss(
-                task.area.reference
+                request.area.reference
             )
-            path = replace(path, cost=path.cost + task.area.weight * shortfall)
+            path = replace(path, cost=path.cost + request.area.weight * shortfall)
         yield proposal._replace(path=path, for_comparison=True)

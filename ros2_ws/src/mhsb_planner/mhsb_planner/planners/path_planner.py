@@ -159,7 +159,7 @@ class PathPlanner(Protocol):
     takes: tuple[str, ...] = ()
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Propose paths from the request's departure to its goal: one early, then cheaper paths.
 
@@ -179,7 +179,7 @@ class PathPlanner(Protocol):
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
-            task: The request.
+            request: The request.
             progress: State of the planning loop.
 
         Yields:
@@ -200,7 +200,7 @@ class PathPlanner(Protocol):
 
 
 def propose_in_both_ways(
-    path: PathProposal, baseline: PathPlanner, task: PathRequest
+    path: PathProposal, baseline: PathPlanner, request: PathRequest
 ) -> Iterator[PathProposal]:
     """Yield a baseline's path twice, for two methods of making a motion of it.
 
@@ -211,11 +211,11 @@ def propose_in_both_ways(
     Args:
         path: Proposal of the baseline.
         baseline: The baseline (planner to compare with).
-        task: The request.
+        request: The request.
 
     Yields:
         The proposal as it is, then with the baseline's method in `trajectory`.
     """
     yield path
-    if task.options.trajectory is None:
+    if request.options.trajectory is None:
         yield path._replace(trajectory=baseline.trajectory)

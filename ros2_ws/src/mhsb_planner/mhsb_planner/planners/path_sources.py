@@ -31,21 +31,21 @@ class PathSource(Protocol):
     def machine(self) -> Machine:
         """The whole arm."""
 
-    def bound(self, task: PathRequest, progress: PlanProgress) -> float:
+    def bound(self, request: PathRequest, progress: PlanProgress) -> float:
         """Return a lower bound on the energy of every plan for a request of the whole arm [J].
 
         Args:
-            task: The request of the whole arm.
+            request: The request of the whole arm.
             progress: State of the planning loop. With a deadline, less effort is spent.
         """
 
-    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
+    def paths(self, request: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm without via points: the first early, then cheaper paths.
 
         The paths lead from the departure (posture at rest where the path begins) to the goal.
 
         Args:
-            task: The request of the whole arm.
+            request: The request of the whole arm.
             progress: State of the planning loop, with the time limit of the search.
 
         Yields:
@@ -73,14 +73,14 @@ class PlanePaths:
         """The arm, which does not slew."""
         return self.graph.machine
 
-    def bound(self, task: PathRequest, progress: PlanProgress) -> float:
+    def bound(self, request: PathRequest, progress: PlanProgress) -> float:
         """Compute a lower bound on the energy of every plan for a request in the arm's plane.
 
         The bound holds for all postures with the tip at the goal or at a sampled position of the
         goal region. Oil and least time of the slew are included.
 
         Args:
-            task: The request in the arm's plane.
+            request: The request in the arm's plane.
             progress: State of the planning loop. With a deadline, less effort is spent.
 
         Returns:
@@ -88,15 +88,15 @@ class PlanePaths:
         """
         return bound_energy_to_goal(
             self.machine,
-            task.start.position,
-            task.planar_goal,
-            task.options.goal_psi,
-            task.options.goal_region,
-            task.slew_demand,
+            request.start.position,
+            request.planar_goal,
+            request.options.goal_psi,
+            request.options.goal_region,
+            request.slew_demand,
             max_bound_cells(progress),
         )
 
-    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
+    def paths(self, request: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield the planner's paths at V_max, and at lower piston speeds if they may help.
 
         V_max is the allowed piston speed. Lower speeds are tried if there is no path, because
@@ -106,7 +106,7 @@ class PlanePaths:
         `NoPathError` at V_max is only logged if there is a path.
 
         Args:
-            task: The request.
+            request: The request.
             progress: State of the planning loop.
 
         Yields:
@@ -120,7 +120,7 @@ class PlanePaths:
         has_path = False
         refused: NoPathError | None = None
         try:
-            for proposal in self.planner.paths(self.graph, task, progress):
+            for proposal in self.planner.paths(self.graph, request, progress):
                 has_path = True
                 yield proposal._replace(proposer=proposal.proposer or self.planner.name)
         except NoPathError as error:
@@ -133,7 +133,7 @@ class PlanePaths:
             name = f"at {factor:g} V_max"
             with progress.log.record_failure(f"{self.planner.name} {name}"):
                 slower = self.graph.create_for(limit_speeds(self.graph.machine, factor))
-                for proposal in self.planner.paths(slower, task, progress):
+                for proposal in self.planner.paths(slower, request, progress):
                     has_path = True
                     proposer = f"{proposal.proposer or self.planner.name} {name}"
                     yield proposal._replace(proposer=proposer)

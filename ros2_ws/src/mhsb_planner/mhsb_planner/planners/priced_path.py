@@ -16,7 +16,7 @@ from mhsb_planner.search.s2_step import compute_step_costs
 
 
 def price_path(
-    machine: Machine, task: PathRequest, posture: FloatArray, progress: PlanProgress
+    machine: Machine, request: PathRequest, posture: FloatArray, progress: PlanProgress
 ) -> DiscretePath | None:
     """Make the discrete path through given postures, with the cheapest modes for each step.
 
@@ -26,7 +26,7 @@ def price_path(
 
     Args:
         machine: The arm without a slewing joint, `StepGraph.machine`.
-        task: The request, with weights w, `energy_reading` and the modes in force at the start.
+        request: The request, with weights w, `energy_reading` and the modes in force at the start.
         posture: Joint positions at the ends of the steps, shape (k + 1, n), k ≥ 1 [rad or m].
         progress: State of the planning loop. Its `search_deadline` is checked before each step.
 
@@ -36,13 +36,13 @@ def price_path(
     Raises:
         DeadlineError: `progress.search_deadline` passed.
     """
-    weights, modes, taken = task.options.weights, task.modes.modes, []
+    weights, modes, taken = request.options.weights, request.modes.modes, []
     for start, end in pairwise(posture):
         progress.search_deadline.check(SEARCH_TASK)
         step = compute_step_costs(machine, start, end)
         if not step.admissible.any():
             return None
-        energy = step.energy if task.options.energy_reading == "paper" else step.energy_series
+        energy = step.energy if request.options.energy_reading == "paper" else step.energy_series
         switches = np.count_nonzero(machine.patterns != modes, axis=1)
         cost = weights.energy * energy + weights.time * step.duration + weights.switches * switches
         p = int(np.nanargmin(cost))
@@ -57,6 +57,6 @@ def price_path(
         energy=energy,
         energy_series=energy_series,
         cost=float(costs.sum()),
-        start_modes=task.modes.modes,
+        start_modes=request.modes.modes,
         statistics=SearchStatistics(expanded=0, generated=len(taken), seconds=0.0),
     )

@@ -24,7 +24,7 @@ class TablePlanner(PathPlanner):
     takes = ("search", "heuristic_scale")
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield paths in the graph of the posture table, by the exact or the published search.
 
@@ -33,7 +33,7 @@ class TablePlanner(PathPlanner):
 
         Args:
             graph: Step graph (steps between the table's postures).
-            task: The request.
+            request: The request.
             progress: State of the planning loop, with the time limit of the search.
 
         Yields:
@@ -44,7 +44,7 @@ class TablePlanner(PathPlanner):
         Raises:
             MhsbError: There is no path, or the deadline passed before one was found.
         """
-        yield from map(PathProposal, yield_graph_paths(graph, task, progress))
+        yield from map(PathProposal, yield_graph_paths(graph, request, progress))
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile the kernels of the graph search by two short searches."""
@@ -52,7 +52,7 @@ class TablePlanner(PathPlanner):
 
 
 def yield_graph_paths(
-    graph: StepGraph, task: PathRequest, progress: PlanProgress
+    graph: StepGraph, request: PathRequest, progress: PlanProgress
 ) -> Iterator[DiscretePath]:
     """Yield the first path found in a step graph to the goal or its region, then the cheapest path.
 
@@ -63,7 +63,7 @@ def yield_graph_paths(
 
     Args:
         graph: Step graph (steps between postures).
-        task: The request.
+        request: The request.
         progress: State of the planning loop. Only its `search_deadline` is read; after this
             deadline, no further position is tried.
 
@@ -73,16 +73,16 @@ def yield_graph_paths(
     Raises:
         MhsbError: There is no path to any position; the error of the search to the goal is raised.
     """
-    region = task.options.goal_region
-    if region is not None and task.begins_at_goal(graph.machine):  # the search sees a goal alone
-        tip = graph.machine.tip_position(task.departure)
-        yield DiscretePath.create_without_steps(tip, task.departure, task.modes.modes, 0.0)
+    region = request.options.goal_region
+    if region is not None and request.begins_at_goal(graph.machine):  # the search sees a goal alone
+        tip = graph.machine.tip_position(request.departure)
+        yield DiscretePath.create_without_steps(tip, request.departure, request.modes.modes, 0.0)
         return
     found: list[DiscretePath] = []
     refused: MhsbError | None = None
-    for x, z in tip_positions(task.planar_goal, region).tolist():
+    for x, z in tip_positions(request.planar_goal, region).tolist():
         try:
-            found.append(_search_path_to((x, z), graph, task, progress))
+            found.append(_search_path_to((x, z), graph, request, progress))
         except MhsbError as error:
             refused = refused or error
             if isinstance(error, DeadlineError):
@@ -98,14 +98,14 @@ def yield_graph_paths(
 
 
 def _search_path_to(
-    tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: PlanProgress
+    tip: tuple[float, float], graph: StepGraph, request: PathRequest, progress: PlanProgress
 ) -> DiscretePath:
     """Search for a path to one tip position in a step graph, by the search that the options name.
 
     Args:
         tip: Tip position (x, z) [m].
         graph: Step graph (steps between postures).
-        task: The request.
+        request: The request.
         progress: State of the planning loop. Only its `search_deadline` is read.
 
     Returns:
@@ -115,10 +115,10 @@ def _search_path_to(
     Raises:
         MhsbError: There is no path, or the deadline passed before one was found.
     """
-    options = task.options
+    options = request.options
     return s2_search.search(
         graph,
-        replace(task.query, goal_xz=tip, goal_region=None),
+        replace(request.query, goal_xz=tip, goal_region=None),
         method=options.search,
         heuristic_scale=options.heuristic_scale,
         deadline=progress.search_deadline,

@@ -16,7 +16,7 @@ from mhsb_planner.search.s2_search import SEARCH_TASK
 
 
 def paths_through_via_points(
-    source: PathSource, task: PathRequest, progress: PlanProgress
+    source: PathSource, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths from the request's departure through all via points, in order, to its goal.
 
@@ -29,7 +29,7 @@ def paths_through_via_points(
 
     Args:
         source: Source of the paths of each leg.
-        task: The request. Without via points, the source's own paths are yielded.
+        request: The request. Without via points, the source's own paths are yielded.
         progress: State of the planning loop, with the time limit of the searches.
 
     Yields:
@@ -38,34 +38,34 @@ def paths_through_via_points(
     Raises:
         MhsbError: The source found no path for a leg; its error is raised.
     """
-    if not task.options.via:
-        yield from source.paths(task, progress)
+    if not request.options.via:
+        yield from source.paths(request, progress)
         return
     for thorough in (False, True):
         legs: list[DiscretePath] = []
-        onward = replace(task, options=task.options.for_via_point)
-        for point in task.options.via:
+        onward = replace(request, options=request.options.for_via_point)
+        for point in request.options.via:
             legs.append(plan_leg(source, replace(onward, goal=point), progress, thorough))
             onward = onward.continued_from(legs[-1])
-        last = replace(onward, goal=task.goal, options=task.options.for_last_leg)
+        last = replace(onward, goal=request.goal, options=request.options.for_last_leg)
         for candidate in source.paths(last, progress):
             whole = join_paths([*legs, candidate.path])
             yield candidate._replace(path=whole)
             before = np.cumsum([leg.steps for leg in legs])
             before = np.unique(before[(before > 0) & (before < whole.steps)])
             if len(before) > 0:
-                rested = insert_rests(source.machine, whole, before, task.options.weights)
+                rested = insert_rests(source.machine, whole, before, request.options.weights)
                 yield candidate._replace(path=rested)
 
 
 def plan_leg(
-    source: PathSource, task: PathRequest, progress: PlanProgress, cheapest: bool
+    source: PathSource, request: PathRequest, progress: PlanProgress, cheapest: bool
 ) -> DiscretePath:
     """Plan the path of one leg, which ends at a via point.
 
     Args:
         source: Source of paths.
-        task: Request whose goal is the via point.
+        request: Request whose goal is the via point.
         progress: State of the planning loop, with the time limit of the search.
         cheapest: True to take the cheapest of all paths, False to take the first.
 
@@ -77,7 +77,7 @@ def plan_leg(
         DeadlineError: The source gave no path before the deadline of the search.
         ValueError: The source proposed nothing and raised nothing, which is a fault of the planner.
     """
-    found = (candidate.path for candidate in source.paths(task, progress))
+    found = (candidate.path for candidate in source.paths(request, progress))
     first = next(found, None)
     if first is None:
         progress.search_deadline.check(SEARCH_TASK)

@@ -68,7 +68,7 @@ found in this time; the rest is for paths with a first move.
 
 
 def paths_from_anywhere(
-    source: PathSource, table: PostureTable, task: PathRequest, progress: PlanProgress
+    source: PathSource, table: PostureTable, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths from any departure to the goal, with a first move if the departure needs one.
 
@@ -83,7 +83,7 @@ def paths_from_anywhere(
     Args:
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
-        task: The request.
+        request: The request.
         progress: State of the planning loop.
 
     Yields:
@@ -94,35 +94,35 @@ def paths_from_anywhere(
             is possible.
         MhsbError: The source has failed, and there is no motion.
     """
-    excess = float(joint_excess(source.machine.arrays, task.departure))
+    excess = float(joint_excess(source.machine.arrays, request.departure))
     if excess > START_NOISE:
-        yield from _paths_over_first_moves(source, table, task, progress)
+        yield from _paths_over_first_moves(source, table, request, progress)
         return
-    if excess <= JOINT_TOLERANCE and not describe_start_contact(source.machine, task.departure):
-        yield from paths_through_via_points(source, task, progress)
+    if excess <= JOINT_TOLERANCE and not describe_start_contact(source.machine, request.departure):
+        yield from paths_through_via_points(source, request, progress)
         return
     refused = None
     if progress.has_deadline:
         later = (1.0 - DIRECT_SHARE) * max(0.0, progress.deadline.remaining)
         progress.trial_deadline = progress.deadline.earlier_by(later)
     try:
-        for candidate in paths_through_via_points(source, task, progress):
+        for candidate in paths_through_via_points(source, request, progress):
             yield candidate
             if progress.has_motion:
                 progress.trial_deadline = None
     except MhsbError as error:
         refused = error
-        progress.log.add_failure(task.options.planner, error)
+        progress.log.add_failure(request.options.planner, error)
     progress.trial_deadline = None
     if not progress.has_motion and not progress.search_deadline.has_passed:
         with progress.log.record_failure(FIRST_MOVE):
-            yield from _paths_over_first_moves(source, table, task, progress)
+            yield from _paths_over_first_moves(source, table, request, progress)
     if refused is not None and not progress.has_motion:
         raise refused
 
 
 def _paths_over_first_moves(
-    source: PathSource, table: PostureTable, task: PathRequest, progress: PlanProgress
+    source: PathSource, table: PostureTable, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths that begin with a first move and lead to the goal.
 
@@ -133,7 +133,7 @@ def _paths_over_first_moves(
     Args:
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
-        task: The request.
+        request: The request.
         progress: State of the planning loop.
 
     Yields:
@@ -147,15 +147,17 @@ def _paths_over_first_moves(
     """
     machine = source.machine
     refused: MhsbError | None = None
-    for first in _first_moves(machine, table, task):
+    for first in _first_moves(machine, table, request):
         try:
-            for candidate in paths_through_via_points(source, task.continued_from(first), progress):
+            for candidate in paths_through_via_points(
+                source, request.continued_from(first), progress
+            ):
                 whole = join_paths([first, candidate.path])
                 candidate = candidate._replace(proposer=f"{candidate.proposer} {FIRST_MOVE}")
                 yield candidate._replace(path=whole)
                 if not progress.has_motion:
                     before = np.array([first.steps])[: candidate.path.steps]
-                    rested = insert_rests(machine, whole, before, task.options.weights)
+                    rested = insert_rests(machine, whole, before, request.options.weights)
                     yield candidate._replace(path=rested)
         except DeadlineError:
             raise
@@ -166,13 +168,13 @@ def _paths_over_first_moves(
             return
     if refused is not None:
         raise refused
-    excess = describe_limit_excess(machine, task.departure)
-    hint = suggest_unit_of_start(machine, task.departure)
+    excess = describe_limit_excess(machine, request.departure)
+    hint = suggest_unit_of_start(machine, request.departure)
     raise StartError(f"the arm starts with {excess}{hint}")
 
 
 def _first_moves(
-    machine: Machine, table: PostureTable, task: PathRequest
+    machine: Machine, table: PostureTable, request: PathRequest
 ) -> Iterator[DiscretePath]:
     """Yield paths that lead from an inadmissible departure to a nearby posture, and end there.
 
@@ -188,12 +190,12 @@ def _first_moves(
     Args:
         machine: The whole arm.
         table: Posture table of the arm's plane.
-        task: The request.
+        request: The request.
 
     Yields:
         Paths of one or more steps from the departure, each move with its cheapest mode combination.
     """
-    start = task.departure
+    start = request.departure
     if not _is_movable(machine, start):
         return
     ends = (
@@ -202,10 +204,10 @@ def _first_moves(
         if _never_gets_deeper(machine, np.array([start, end]))
     )
     for end in islice(ends, TRIED_POSTURES):
-        if move := _plan_first_move(machine, task, end):
+        if move := _plan_first_move(machine, request, end):
             yield move
     climb = _climb_out_of_obstacles(machine, start)
-    if climb is not None and (way := _connect_postures(machine, task, climb)):
+    if climb is not None and (way := _connect_postures(machine, request, climb)):
         yield way
 
 
@@ -246,7 +248,9 @@ def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray |
     return np.array(way) if here >= 0.0 and len(way) > 1 else None
 
 
-def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> DiscretePath | None:
+def _connect_postures(
+    machine: Machine, request: PathRequest, way: FloatArray
+) -> DiscretePath | None:
     """Connect the first and the last posture of a way by few straight moves.
 
     From each posture, the move leads to the farthest later posture to which a straight move is
@@ -255,14 +259,14 @@ def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> D
 
     Args:
         machine: The whole arm.
-        task: The request; its departure is the first posture.
+        request: The request; its departure is the first posture.
         way: Postures, shape (k, n) [rad or m].
 
     Returns:
         The path to the last posture. None if no admissible move leads on from a posture, or if the
         way has only one posture.
     """
-    moves, here, at = [], 0, task
+    moves, here, at = [], 0, request
     while here < len(way) - 1:
         for there in range(len(way) - 1, here, -1):
             if not _never_gets_deeper(machine, way[[here, there]]):
@@ -365,7 +369,7 @@ def _never_gets_deeper(machine: Machine, ends: FloatArray) -> bool:
 
 
 def _plan_first_move(
-    machine: Machine, task: PathRequest, posture: FloatArray
+    machine: Machine, request: PathRequest, posture: FloatArray
 ) -> DiscretePath | None:
     """Plan one straight move from the request's departure to a posture, in its cheapest modes.
 
@@ -374,16 +378,16 @@ def _plan_first_move(
 
     Args:
         machine: The whole arm.
-        task: The request; gives departure (posture at rest where the path begins), modes in force,
-            weights and energy reading.
+        request: The request; gives departure (posture at rest where the path begins), modes in
+            force, weights and energy reading.
         posture: End of the move, shape (n,) [rad or m].
 
     Returns:
         The path, slew included. None if no mode combination is admissible.
     """
-    plane, slews, modes = machine.planar_arm, int(machine.slews), task.modes
-    begin, end = task.departure[slews:], posture[slews:]
-    in_plane = replace(task, modes=StartModes(modes.modes[slews:], modes.age[slews:]))
+    plane, slews, modes = machine.planar_arm, int(machine.slews), request.modes
+    begin, end = request.departure[slews:], posture[slews:]
+    in_plane = replace(request, modes=StartModes(modes.modes[slews:], modes.age[slews:]))
     path: DiscretePath | None
     if np.array_equal(begin, end):  # the slew alone is beyond its limits
         tip = plane.tip_position(begin)
@@ -392,5 +396,5 @@ def _plan_first_move(
         path = price_path(plane, in_plane, np.array([begin, end]), PlanProgress())
     if path is None or not machine.slews:
         return path
-    turning = compute_even_turning(machine, path, float(task.departure[0]), float(posture[0]))
-    return combine_with_slew(machine, task, path, turning)
+    turning = compute_even_turning(machine, path, float(request.departure[0]), float(posture[0]))
+    return combine_with_slew(machine, request, path, turning)

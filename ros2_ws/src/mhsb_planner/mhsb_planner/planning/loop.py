@@ -103,17 +103,17 @@ class PlanningLoop:
     """
 
     def __init__(
-        self, machine: Machine, task: PathRequest, deadline: Deadline, log: PlanLog
+        self, machine: Machine, request: PathRequest, deadline: Deadline, log: PlanLog
     ) -> None:
         """Prepare the loop, without an incumbent (best plan so far).
 
         Args:
             machine: The whole arm.
-            task: The request.
+            request: The request.
             deadline: Instant at which the plan is due.
             log: Log, to which the loop and the proposers of paths add entries.
         """
-        self._machine, self._task = machine, task
+        self._machine, self._request = machine, request
         self.progress = PlanProgress(deadline, log=log)
         self._best: Plan | None = None
         self._refused: FitError | None = None
@@ -133,15 +133,15 @@ class PlanningLoop:
         Args:
             remainder: Remainder of the plan in force, with stamp 0.
         """
-        task, log = self._task, self.progress.log
-        rules = fit_rules(task.options)
+        request, log = self._request, self.progress.log
+        rules = fit_rules(request.options)
         try:
             motion = fit_remainder(
-                self._machine, remainder, task.modes, rules, self.progress.deadline
+                self._machine, remainder, request.modes, rules, self.progress.deadline
             )
             end = remainder.position[-1]
             path = DiscretePath.create_without_steps(
-                self._machine.tip_position(end), end, task.modes.modes, 0.0
+                self._machine.tip_position(end), end, request.modes.modes, 0.0
             )
             cost = self._keep(self._assemble_plan(path, motion, NO_DEADLINE))
             log.add("plan in force", ProposalOutcome.TAKEN, motion_cost=cost)
@@ -229,7 +229,7 @@ class PlanningLoop:
         """
         has_ended = isinstance(error, NoPathError | DeadlineError)
         outcome = ProposalOutcome.NO_PATH if has_ended else ProposalOutcome.FAILED
-        self.progress.log.add_failure(self._task.options.planner, error, outcome)
+        self.progress.log.add_failure(self._request.options.planner, error, outcome)
 
     def _no_motion_error(self) -> Exception:
         """Return the error that explains why no path has a motion.
@@ -267,7 +267,7 @@ class PlanningLoop:
             FitError: The path has no motion, there is no incumbent, and one curve must lead from
                 the moving start to the goal (`_is_steering`).
         """
-        path, options, best = proposal.path, self._task.options, self._best
+        path, options, best = proposal.path, self._request.options, self._best
         switches = path.switches + path.holding_switches
         estimate = path.cost - options.weights.switches * switches
         if estimate > self.progress.max_path_cost:
@@ -307,7 +307,7 @@ class PlanningLoop:
             1 if S is not positive. It is 0 if there is no incumbent (best plan so far), or if the
             incumbent costs much more than the cheapest path (MIN_PATH_COST_RATIO).
         """
-        best, options = self._best, self._task.options
+        best, options = self._best, self._request.options
         cost = math.inf if best is None else best.cost(options)
         if best is None or self._cheapest_path_cost < MIN_PATH_COST_RATIO * cost:
             return 0.0
@@ -335,7 +335,7 @@ class PlanningLoop:
         if postponed is None or best is None:
             return
         self._postponed = None
-        if postponed.cost <= NEAR_BEST_COST_FACTOR * best.cost(self._task.options):
+        if postponed.cost <= NEAR_BEST_COST_FACTOR * best.cost(self._request.options):
             self._try_variants(postponed.proposal, postponed.motion, postponed.rules)
 
     def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
@@ -357,7 +357,7 @@ class PlanningLoop:
         """
         path, may_follow = proposal.path, self._may_follow_instead(proposal.path, rules)
         for group in list_variant_rules(
-            path, motion, rules, self._task.options, may_follow=may_follow
+            path, motion, rules, self._request.options, may_follow=may_follow
         ):
             for other in group:
                 before = self._best
@@ -378,7 +378,7 @@ class PlanningLoop:
             steps. Always False if one curve must lead from the moving start to the goal
             (`_is_steering`).
         """
-        free = self._task.options.trajectory is None and path.steps > 0
+        free = self._request.options.trajectory is None and path.steps > 0
         return free and rules.trajectory == "polynomial" and not self._is_steering
 
     @property
@@ -387,7 +387,7 @@ class PlanningLoop:
 
         `Planner` requests this if the plan in force ends soon and near the goal.
         """
-        return isinstance(self._task.brake, Steering)
+        return isinstance(self._request.brake, Steering)
 
     def _fit_and_keep(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path, and make its plan the incumbent if it is better.
@@ -419,7 +419,7 @@ class PlanningLoop:
             FitError: The path has no motion, there is no incumbent, and one curve must lead from
                 the moving start to the goal (`_is_steering`).
         """
-        began, best, options = self._since, self._best, self._task.options
+        began, best, options = self._since, self._best, self._request.options
         motion = self._fit(proposal, rules)
         if motion is None:
             return best.motion if best is not None and rules.polynomial_only else None
@@ -449,7 +449,7 @@ class PlanningLoop:
         Returns:
             Its cost [-].
         """
-        cost = plan.cost(self._task.options)
+        cost = plan.cost(self._request.options)
         self._best = plan
         self.progress.has_motion = True
         self.progress.max_path_cost = cost / MIN_MOTION_COST_RATIO
@@ -472,7 +472,7 @@ class PlanningLoop:
         Returns:
             True if the plan replaces the incumbent.
         """
-        options = self._task.options
+        options = self._request.options
         if not plan.is_cheaper_than(best, options):
             return False
         if (
@@ -538,12 +538,14 @@ class PlanningLoop:
             FitError: No motion keeps the limits.
             DeadlineError: The deadline passed.
         """
-        task, machine = self._task, self._machine
+        request, machine = self._request, self._machine
         if path.steps == 0:
-            brake = task.brake or standstill(task.start.position)
+            brake = request.brake or standstill(request.start.position)
             brake = brake if isinstance(brake, Trajectory) else brake.trajectory
-            return fit_braking(machine, brake, task.modes)
-        return fit_trajectory(machine, path, task.start, task.modes, task.brake, rules, deadline)
+            return fit_braking(machine, brake, request.modes)
+        return fit_trajectory(
+            machine, path, request.start, request.modes, request.brake, rules, deadline
+        )
 
     def _assemble_plan(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
         """Compute the energy and the manipulability loss of a motion, and assemble its plan.
@@ -564,12 +566,12 @@ class PlanningLoop:
         Raises:
             DeadlineError: The deadline passed.
         """
-        machine, area, shortfall = self._machine, self._task.area, 0.0
+        machine, area, shortfall = self._machine, self._request.area, 0.0
         deadline.check("the comparison of motions")
         if area.weight > 0.0:
             along = compute_area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
             shortfall = along.compute_area_loss(area.reference)
-        reading = self._task.options.energy_reading
+        reading = self._request.options.energy_reading
         return Plan(path, motion, motion.energy, machine, reading, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:

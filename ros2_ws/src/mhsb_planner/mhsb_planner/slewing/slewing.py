@@ -67,7 +67,7 @@ MIN_GRID_DISTANCE = 3.0
 
 
 def yield_carrying_postures(
-    machine_among_shadows: Machine, graph: StepGraph, task: PathRequest
+    machine_among_shadows: Machine, graph: StepGraph, request: PathRequest
 ) -> Iterator[FloatArray]:
     """Yield postures in which the arm can slew from start to goal without collision.
 
@@ -83,7 +83,7 @@ def yield_carrying_postures(
         machine_among_shadows: Arm without its slew. Its obstacles are the shadows of all zones past
             which the slew turns the arm (`Machine.make_planar_arm_with_shadows`).
         graph: Step graph of the arm without its slew, with the posture table.
-        task: Path request in the arm's plane.
+        request: Path request in the arm's plane.
 
     Yields:
         Posture without the slew, float64[n], [rad or m]. Nothing is yielded if no posture is clear.
@@ -94,12 +94,12 @@ def yield_carrying_postures(
     postures, tips = postures[clear], tips[clear]
     if len(postures) == 0:
         return
-    weights = task.options.weights
+    weights = request.options.weights
     weight = frozen(np.array([weights.energy, weights.time, weights.switches]))
     lengths = frozen(np.array([machine_among_shadows.cylinder_lengths(q) for q in postures]))
     ends = (
-        machine_among_shadows.cylinder_lengths(task.departure),
-        _find_goal_lengths(graph, task.goal),
+        machine_among_shadows.cylinder_lengths(request.departure),
+        _find_goal_lengths(graph, request.goal),
     )
     over = [bound_costs_between(graph.circuit, end, lengths, weight) for end in ends]
     left = np.argsort(over[0] + over[1], kind="stable")
@@ -167,13 +167,13 @@ class SlewingPaths:
     graph: StepGraph
     """Step graph of the arm's plane."""
 
-    def bound(self, task: PathRequest, progress: PlanProgress) -> float:
+    def bound(self, request: PathRequest, progress: PlanProgress) -> float:
         """Compute a lower bound on the energy of every plan for a request, slew included.
 
         The bound is computed in the arm's plane, with oil and least time of the slew added.
 
         Args:
-            task: Path request of the whole arm.
+            request: Path request of the whole arm.
             progress: State of the planning loop. With a deadline, less effort is spent.
 
         Returns:
@@ -182,10 +182,10 @@ class SlewingPaths:
         Raises:
             OutOfWorkspaceError: The slew's limits do not allow the goal.
         """
-        in_plane, _ = self._convert_to_plane(task)
+        in_plane, _ = self._convert_to_plane(request)
         return PlanePaths(self.planner, self.graph).bound(in_plane, progress)
 
-    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
+    def paths(self, request: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.
 
         The planner finds paths in the arm's vertical plane, which turns with the slew. Without
@@ -193,7 +193,7 @@ class SlewingPaths:
         several methods search for paths on which the arm keeps clear.
 
         Args:
-            task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
+            request: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
             progress: State of the planning loop, with the deadline of the search.
 
         Yields:
@@ -203,33 +203,35 @@ class SlewingPaths:
             MhsbError: The tip at the goal is too near to a zone, there is no path at all, or no
                 path was found before the deadline.
         """
-        in_plane, slew = self._convert_to_plane(task)
+        in_plane, slew = self._convert_to_plane(request)
         in_the_plane = PlanePaths(self.planner, self.graph)
         if not self.machine.obstacles.is_in_space.any():
             for candidate in in_the_plane.paths(in_plane, progress):
-                yield candidate._replace(path=self._turn_evenly(task, candidate.path, slew))
+                yield candidate._replace(path=self._turn_evenly(request, candidate.path, slew))
             return
-        check_tip_clearance(self.machine, task.goal)
-        yield from self._yield_paths_among_zones(task, in_plane, slew, progress)
+        check_tip_clearance(self.machine, request.goal)
+        yield from self._yield_paths_among_zones(request, in_plane, slew, progress)
 
-    def _turn_evenly(self, task: PathRequest, path: DiscretePath, end_angle: float) -> DiscretePath:
+    def _turn_evenly(
+        self, request: PathRequest, path: DiscretePath, end_angle: float
+    ) -> DiscretePath:
         """Combine a planar path with a slew at an even speed, without regard to zones.
 
         Args:
-            task: Path request of the whole arm.
+            request: Path request of the whole arm.
             path: Path in the arm's plane.
             end_angle: Slew angle at the goal [rad].
 
         Returns:
             Path of the whole arm; its steps last longer if the slew cannot keep up.
         """
-        began = float(task.departure[0])
+        began = float(request.departure[0])
         return combine_with_slew(
-            self.machine, task, path, compute_even_turning(self.machine, path, began, end_angle)
+            self.machine, request, path, compute_even_turning(self.machine, path, began, end_angle)
         )
 
     def _yield_paths_among_zones(
-        self, task: PathRequest, in_plane: PathRequest, slew: float, progress: PlanProgress
+        self, request: PathRequest, in_plane: PathRequest, slew: float, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield clear paths of the whole arm among zones in space, by three methods.
 
@@ -249,7 +251,7 @@ class SlewingPaths:
         has been found.
 
         Args:
-            task: Path request of the whole arm.
+            request: Path request of the whole arm.
             in_plane: Path request in the arm's plane.
             slew: Slew angle at the goal [rad].
             progress: State of the planning loop, with the deadline of the search.
@@ -261,7 +263,7 @@ class SlewingPaths:
             MhsbError: No method has given a clear path: DeadlineError after the deadline, otherwise
                 the error of the direct method, or NoPathError.
         """
-        began = float(task.departure[0])
+        began = float(request.departure[0])
         paths = PlanePaths(self.planner, self.graph).paths(in_plane, progress)
         direct = Proposer(self.planner.name, paths)
         baselines, turn = self.planner.baselines, (began, slew)
@@ -277,31 +279,34 @@ class SlewingPaths:
         for candidate in take_turns(schedule, progress):
             turning = find_clear_turning(self.machine, candidate.path, began, slew)
             if turning is not None:
-                found, whole = True, combine_with_slew(self.machine, task, candidate.path, turning)
+                found, whole = (
+                    True,
+                    combine_with_slew(self.machine, request, candidate.path, turning),
+                )
                 if (
                     candidate is direct.last
                     and whole.cost
-                    <= FREE_COST_FACTOR * self._turn_evenly(task, candidate.path, slew).cost
+                    <= FREE_COST_FACTOR * self._turn_evenly(request, candidate.path, slew).cost
                 ):
                     for other in others:
                         other.has_ended = True
                 yield candidate._replace(path=whole)
                 if candidate.via_step is not None or REST_STEP in turning.step:
                     before = find_rest_steps(turning, candidate.via_step)
-                    rested = insert_rests(self.machine, whole, before, task.options.weights)
+                    rested = insert_rests(self.machine, whole, before, request.options.weights)
                     yield candidate._replace(path=rested)
             if found and progress.search_deadline.has_passed:
                 return
         if not found:
-            raise self._create_error(task, direct.error, progress)
+            raise self._create_error(request, direct.error, progress)
 
     def _create_error(
-        self, task: PathRequest, refused: MhsbError | None, progress: PlanProgress
+        self, request: PathRequest, refused: MhsbError | None, progress: PlanProgress
     ) -> MhsbError:
         """Choose the error to raise if no method has given a clear path.
 
         Args:
-            task: Path request of the whole arm.
+            request: Path request of the whole arm.
             refused: Error that ended the direct method; None without an error.
             progress: State of the planning loop, with the deadline of the search.
 
@@ -311,8 +316,8 @@ class SlewingPaths:
         """
         if progress.search_deadline.has_passed:
             return DeadlineError(SEARCH_TASK)
-        start = tuple(self.machine.tip_in_base(task.departure).tolist())
-        return refused or NoPathError(start, task.goal, self.machine.obstacles.names)
+        start = tuple(self.machine.tip_in_base(request.departure).tolist())
+        return refused or NoPathError(start, request.goal, self.machine.obstacles.names)
 
     def _yield_paths_past_shadows(
         self,
@@ -464,14 +469,14 @@ class SlewingPaths:
         among = self.machine.make_planar_arm_with_shadows(start_angle, end_angle)
         return PlanePaths(planner, self.graph.create_for(among))
 
-    def _convert_to_plane(self, task: PathRequest) -> tuple[PathRequest, float]:
+    def _convert_to_plane(self, request: PathRequest) -> tuple[PathRequest, float]:
         """Convert a path request of the whole arm into a path request in the arm's plane.
 
         The result contains the oil and the least time that the slew needs (`slew_demand`). In the
         result `brake` is None, because braking is planned for the whole arm.
 
         Args:
-            task: Path request of the whole arm.
+            request: Path request of the whole arm.
 
         Returns:
             Path request in the arm's plane, and the slew angle at the goal [rad].
@@ -479,18 +484,18 @@ class SlewingPaths:
         Raises:
             OutOfWorkspaceError: The slew's limits do not allow the goal.
         """
-        start, modes = task.start, task.modes
-        tip, slew = self.machine.convert_to_plane(task.goal, float(task.departure[0]))
+        start, modes = request.start, request.modes
+        tip, slew = self.machine.convert_to_plane(request.goal, float(request.departure[0]))
         assert slew is not None
         slew_demand = compute_slew_demand(self.machine, start.position[0], slew)
         alone = MotionState(start.position[1:], start.velocity[1:], start.acceleration[1:])
         in_plane = replace(
-            task,
+            request,
             goal=tip,
             start=alone,
             modes=StartModes(modes.modes[1:], modes.age[1:]),
             brake=None,
-            departure=task.departure[1:],
+            departure=request.departure[1:],
             slew_demand=slew_demand,
         )
         return in_plane, slew

@@ -111,7 +111,7 @@ def find_rest_steps(turning: SlewMotion, via_step: int | None) -> IntArray:
 
 
 def combine_with_slew(
-    machine: Machine, task: PathRequest, path: DiscretePath, turning: SlewMotion
+    machine: Machine, request: PathRequest, path: DiscretePath, turning: SlewMotion
 ) -> DiscretePath:
     """Combine a planar path and a slew motion into a path of the whole arm.
 
@@ -125,7 +125,7 @@ def combine_with_slew(
 
     Args:
         machine: The whole arm, which slews.
-        task: Path request of the whole arm, for weights and start modes.
+        request: Path request of the whole arm, for weights and start modes.
         path: Path in the arm's plane.
         turning: Slew motion along the path.
 
@@ -133,7 +133,7 @@ def combine_with_slew(
         Path of the whole arm. Postures and modes have the slew as their first column. Tip positions
         are (x, y, z) in `base_link` [m].
     """
-    m, n, weights = machine.arrays, machine.joint_count, task.options.weights
+    m, n, weights = machine.arrays, machine.joint_count, request.options.weights
     rests, moves = turning.step == REST_STEP, np.maximum(turning.step, 0)
     at = turning.path_index
     length = [cylinder_length(m.linkage[0], angle) for angle in turning.angle]
@@ -168,5 +168,5 @@ def combine_with_slew(
         energy=spread_over_steps(path.energy) + added,
         energy_series=spread_over_steps(path.energy_series) + added,
         cost=path.cost + float(dearer),
-        start_modes=task.modes.modes,
+        start_modes=request.modes.modes,
     )

@@ -39,16 +39,16 @@ class DetourPlanner:
         self.asked = 0
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+        self, graph: StepGraph, request: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """A path that costs too much, something impossible, then the table's."""
         self.asked += 1
-        [path] = yield_graph_paths(graph, task, progress)
+        [path] = yield_graph_paths(graph, request, progress)
         again = np.concatenate([np.arange(path.steps), [path.steps - 1]])
         yield PathProposal(longer(path, again))
         assert progress.has_motion
         yield PathProposal(path)
-        raise NoPathError(task.goal, task.goal)
+        raise NoPathError(request.goal, request.goal)
 
     def warm_up(self, graph: StepGraph) -> None:
         """Nothing to compile."""

@@ -11,7 +11,7 @@ from mhsb_planner.progress import PlanProgress
 class SilentSource:
     """Source of no paths."""
 
-    def paths(self, task, progress):
+    def paths(self, request, progress):
         return iter(())
 
 
