@@ -209,12 +209,11 @@ class Planner:
             request = self._create_request(goal, start, modes, stop, options)
             try:
                 return self._plan_request(request, source, deadline, remainder, log)
-            except DeadlineError as error:
-                raise append_remarks(
-                    error, self.machine, self.graph.table, start.position
-                ) from None
             except MhsbError as error:
                 refused = refused or error
+                if isinstance(error, DeadlineError):
+                    refused = error
+                    break
         assert refused is not None
         raise append_remarks(refused, self.machine, self.graph.table, start.position)
 
@@ -233,7 +232,8 @@ class Planner:
             source: Source of paths of the whole arm.
             deadline: Instant at which the search for cheaper motions ends.
             remainder: Remaining part of the plan in force, or None. If it ends at the goal, it is
-                the first incumbent (best plan so far).
+                the first incumbent (best plan so far). With via points it never is, because it is
+                not known which of these have been passed.
             log: Log to which entries are added.
 
         Returns:
@@ -243,12 +243,12 @@ class Planner:
             MhsbError: There is no plan; `plan` lists the errors.
         """
         loop = PlanningLoop(self.machine, request, deadline, log)
-        if remainder is not None and self._ends_at_goal(request.goal, remainder, request.options):
-            loop.start_with_remainder(remainder)
+        if remainder is not None and not request.options.via:
+            end = remainder.position[-1]
+            if request.options.is_goal_reached(self.machine, request.goal, end):
+                loop.start_with_remainder(remainder)
         deadline.check("planning")
-        plan = loop.choose_best(
-            paths_from_anywhere(source, self.graph.table, request, loop.progress)
-        )
+        plan = loop.choose_best(paths_from_anywhere(source, request, loop.progress))
         if plan.motion.method != FitMethod.BRAKING:
             plan = replace(plan, lower_bound=source.bound(request, loop.progress))
         problems = describe_start_problems(self.machine, request.start.position)
@@ -389,21 +389,6 @@ class Planner:
         if brake is None or keeps_position_limits(self.machine, coast.trajectory):
             stops.append(coast)
         return stops if brake is None else [*stops, brake]
-
-    def _ends_at_goal(self, goal: Position, remainder: Trajectory, options: PlanOptions) -> bool:
-        """Return whether the remaining part of the plan in force ends at the goal or in its region.
-
-        Args:
-            goal: Goal of the tip in `base_link` [m].
-            remainder: Remainder of the plan in force. Only `position` is read.
-            options: Options with goal region, end-link angle and via points.
-
-        Returns:
-            True if the plan in force ends there with an admissible end-link angle. False if the
-            options have via points, because it is not known which of these have been passed.
-        """
-        end = remainder.position[-1]
-        return options.is_goal_reached(self.machine, goal, end) and not options.via
 
     def _create_request(
         self,

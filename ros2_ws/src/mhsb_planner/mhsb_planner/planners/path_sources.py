@@ -31,6 +31,10 @@ class PathSource(Protocol):
     def machine(self) -> Machine:
         """The whole arm."""
 
+    @property
+    def graph(self) -> StepGraph:
+        """Step graph of the arm's plane, with its posture table."""
+
     def bound(self, request: PathRequest, progress: PlanProgress) -> float:
         """Return a lower bound on the energy of every plan for a request of the whole arm [J].
 

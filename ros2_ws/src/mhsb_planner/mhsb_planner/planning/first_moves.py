@@ -28,7 +28,6 @@ from mhsb_planner.planners.path_sources import PathSource
 from mhsb_planner.planners.priced_path import price_path
 from mhsb_planner.planners.via_paths import join_paths, paths_through_via_points
 from mhsb_planner.planning.remarks import describe_limit_excess, suggest_unit_of_start
-from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import describe_start_contact
@@ -68,7 +67,7 @@ found in this time; the rest is for paths with a first move.
 
 
 def paths_from_anywhere(
-    source: PathSource, table: PostureTable, request: PathRequest, progress: PlanProgress
+    source: PathSource, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths from any departure to the goal, with a first move if the departure needs one.
 
@@ -82,7 +81,6 @@ def paths_from_anywhere(
 
     Args:
         source: Source of paths of the whole arm from an admissible departure.
-        table: Posture table of the arm's plane.
         request: The request.
         progress: State of the planning loop.
 
@@ -96,7 +94,7 @@ def paths_from_anywhere(
     """
     excess = float(joint_excess(source.machine.arrays, request.departure))
     if excess > START_NOISE:
-        yield from _paths_over_first_moves(source, table, request, progress)
+        yield from _paths_over_first_moves(source, request, progress)
         return
     if excess <= JOINT_TOLERANCE and not describe_start_contact(source.machine, request.departure):
         yield from paths_through_via_points(source, request, progress)
@@ -116,13 +114,13 @@ def paths_from_anywhere(
     progress.trial_deadline = None
     if not progress.has_motion and not progress.search_deadline.has_passed:
         with progress.log.record_failure(FIRST_MOVE):
-            yield from _paths_over_first_moves(source, table, request, progress)
+            yield from _paths_over_first_moves(source, request, progress)
     if refused is not None and not progress.has_motion:
         raise refused
 
 
 def _paths_over_first_moves(
-    source: PathSource, table: PostureTable, request: PathRequest, progress: PlanProgress
+    source: PathSource, request: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths that begin with a first move and lead to the goal.
 
@@ -132,7 +130,6 @@ def _paths_over_first_moves(
 
     Args:
         source: Source of paths of the whole arm from an admissible departure.
-        table: Posture table of the arm's plane.
         request: The request.
         progress: State of the planning loop.
 
@@ -147,7 +144,7 @@ def _paths_over_first_moves(
     """
     machine = source.machine
     refused: MhsbError | None = None
-    for first in _first_moves(machine, table, request):
+    for first in _first_moves(source, request):
         try:
             for candidate in paths_through_via_points(
                 source, request.continued_from(first), progress
@@ -173,9 +170,7 @@ def _paths_over_first_moves(
     raise StartError(f"the arm starts with {excess}{hint}")
 
 
-def _first_moves(
-    machine: Machine, table: PostureTable, request: PathRequest
-) -> Iterator[DiscretePath]:
+def _first_moves(source: PathSource, request: PathRequest) -> Iterator[DiscretePath]:
     """Yield paths that lead from an inadmissible departure to a nearby posture, and end there.
 
     The departure is the posture at rest where the path begins. Straight moves come first: to the
@@ -188,19 +183,18 @@ def _first_moves(
     the clipped departure.
 
     Args:
-        machine: The whole arm.
-        table: Posture table of the arm's plane.
+        source: Source of paths of the whole arm; gives machine and posture table.
         request: The request.
 
     Yields:
         Paths of one or more steps from the departure, each move with its cheapest mode combination.
     """
-    start = request.departure
+    machine, start = source.machine, request.departure
     if not _is_movable(machine, start):
         return
     ends = (
         end
-        for end in _postures_nearby(machine, table, start)
+        for end in _postures_nearby(source, start)
         if _never_gets_deeper(machine, np.array([start, end]))
     )
     for end in islice(ends, TRIED_POSTURES):
@@ -301,9 +295,7 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
     return bool(np.all(arms * np.sign(arms[0]) > 0.0))
 
 
-def _postures_nearby(
-    machine: Machine, table: PostureTable, posture: FloatArray
-) -> Iterator[FloatArray]:
+def _postures_nearby(source: PathSource, posture: FloatArray) -> Iterator[FloatArray]:
     """Yield postures within the joint limits, in ascending order of the time of a straight move.
 
     If the given posture is beyond joint limits, the posture clipped to the limits comes first, even
@@ -313,13 +305,13 @@ def _postures_nearby(
     piston speed).
 
     Args:
-        machine: The whole arm.
-        table: Posture table of the arm's plane.
+        source: Source of paths of the whole arm; gives machine and posture table.
         posture: Joint positions, shape (n,) [rad or m].
 
     Yields:
         Postures, shape (n,) [rad or m].
     """
+    machine, table = source.machine, source.graph.table
     a = machine.arrays
     inside = np.clip(posture, a.joint_min, a.joint_max)
     if np.any(inside != posture):
