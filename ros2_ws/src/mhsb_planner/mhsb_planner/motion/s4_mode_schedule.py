@@ -631,10 +631,11 @@ def _enforce_shared_boost_dwell(
 
     A boosted actuator is in mode SB (shared rail) or DB (own servo pump). A run is a sequence of
     boosted intervals, with parts in SB and parts in DB. A run shorter than MIN_DWELL becomes DB as
-    a whole, unless SB is in force just before or after it. In all other runs, SB parts begin
-    earlier by BOOST_LEAD. SB parts shorter than MIN_DWELL are lengthened at their end, and if this
-    is not enough, at their beginning. Then DB parts shorter than MIN_DWELL become SB. The intervals
-    before `free` stay as they are.
+    a whole, unless SB is in force just before or after it. A run without SB in it or beside it
+    stays DB. In all other runs, SB parts begin earlier by BOOST_LEAD. SB parts shorter than
+    MIN_DWELL are lengthened at their end, and if this is not enough, at their beginning. Then DB
+    parts shorter than MIN_DWELL become SB, unless DB is in force just before or after the run,
+    beside this part. The intervals before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
@@ -656,7 +657,7 @@ def _enforce_shared_boost_dwell(
                 after = _ON if hold == SB else _OFF
             if before != _ON and after != _ON and time[end] - time[begin] < _LEAST_RUN:
                 shared[begin:end] = False
-            if shared[begin:end].any() or before == _ON:
+            if shared[begin:end].any() or _ON in (before, after):
                 _enforce_lead_and_dwell(time, shared, begin, end, BOOST_LEAD, (before, after))
         first = end
 

@@ -1,10 +1,10 @@
 """Switching times: need, lead, dwell, budget, and no flicker."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.holding import choose_holding_modes
@@ -282,6 +282,41 @@ def test_every_schedule_covers_every_need_within_the_budget_and_without_flicker(
         switched = switches(modes, time, start, hold, j)
         assert all(later - earlier >= 0.3 - 1e-9 for earlier, later in pairwise(switched))
     assert keeps_dwell(time, modes, start, hold)
+
+
+@settings(max_examples=300)
+@given(
+    steps=st.lists(st.sampled_from([0.05, 0.1, 0.15, 0.3]), min_size=6, max_size=6),
+    heavy=st.lists(st.booleans(), min_size=7, max_size=7),
+    shares=st.lists(st.booleans(), min_size=7, max_size=7),
+    modes=st.tuples(st.sampled_from([N, DB, SB]), st.sampled_from([N, DB, SB])),
+    age=st.sampled_from([0.0, 0.1, 0.2, 9.0]),
+)
+@example([0.1] * 6, 6 * [False] + [True], 7 * [False], (N, SB), 9.0)  # boost shortly before SB
+def test_the_dwell_is_kept_if_any_sequence_of_modes_keeps_it(
+    machine, steps, heavy, shares, modes, age
+):
+    """All sequences of actuator 1 are tried, at rest in `modes[1]` after the last instant."""
+    time, (before, after) = np.cumsum([0.0, *steps]), modes
+    force, preferred = np.full((7, 3), LIGHT), np.full((7, 3), N)
+    force[heavy, 0], preferred[shares, 0] = HEAVY, SB
+    motion = MotionProfile(np.full((7, 3), 0.006), force, np.zeros((7, 2)), 0 * force, 0 * force)
+    start, hold = StartModes([before, N, N], [age, 9.0, 9.0]), np.array([after, N, N])
+    found = compute_interval_modes(machine, time, motion, start, hold, preferred)
+    stays = time[:-1] < 0.3 - age - 1e-9
+    needs = np.logical_or(heavy[:-1], heavy[1:]) & ~stays
+    assert np.all(found[stays, 0] == before)
+    assert np.all(found[needs, 0] != N)
+
+    def is_kept(sequence):
+        switched = switches(np.array(sequence)[:, None], time, start, hold, 0)
+        return all(later - earlier >= 0.3 - 1e-9 for earlier, later in pairwise(switched))
+
+    assert is_kept(found[:, 0]) or not any(
+        is_kept(sequence)
+        for sequence in product(*[(before,) if at else (N, DB, SB) for at in stays])
+        if N not in np.array(sequence)[needs]
+    )
 
 
 def switches(modes, time, start, hold, j):
