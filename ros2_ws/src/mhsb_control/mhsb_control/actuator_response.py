@@ -217,7 +217,11 @@ class InverseCurve:
 
     @property
     def learnt(self) -> DirectionResponse:
-        """The curve with its standard deviations, for an estimates file."""
+        """The curve for an estimates file, as tuples with one value for each knot.
+
+        Speeds are in m/s. Commands and their standard deviations are shares of the full command.
+        `known_speed` [m/s] is 0 if no speed has been measured yet.
+        """
         columns = self.speeds, self.commands, np.sqrt(np.diag(self.covariance))
         speeds, commands, deviations = (tuple(each.tolist()) for each in columns)
         return DirectionResponse(

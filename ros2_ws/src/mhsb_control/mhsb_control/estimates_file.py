@@ -148,10 +148,15 @@ def _get_part_file(path: Path) -> Path:
 
 @contextmanager
 def _translate_write_errors(path: Path) -> Iterator[None]:
-    """Turn OSError into EstimatesFileError, and remove the temporary file (context manager).
+    """Turn an OSError of the block into EstimatesFileError (context manager).
+
+    The temporary file is then removed. Without an OSError it stays.
 
     Args:
         path: The estimates file.
+
+    Raises:
+        EstimatesFileError: The block has raised OSError.
     """
     try:
         yield

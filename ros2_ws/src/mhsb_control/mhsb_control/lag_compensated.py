@@ -386,16 +386,17 @@ class LagCompensatedAxis:
             curve.learn(max(forwards, 0.0), command, 1.0 / self._window, spread, resolves_slow)
 
     def _learn_dead_band(self, acted: FloatArray) -> None:
-        """Raise the dead band of a direction if the piston stands in spite of a command.
+        """Raise the dead band of the newest command's direction if the piston stands.
 
         The piston stands if its mean speed over a window is below `min_speed_ratio`. The window is
         short until the command for one speed, a knot of the valve curve, is known. After that, it
         covers at least one period of the joint's oscillation on its oil. All commands in the window
         and in the settling time before it must have one direction. The smallest of these commands
-        is a lower bound of the dead band.
+        is a lower bound of the dead band (`raise_dead_band`). Otherwise nothing changes.
 
         Args:
-            acted: Commands that are older than the delay, float64[k], in time order.
+            acted: Commands that are older than the delay, float64[k], in time order. There must be
+                lengths for a whole window.
         """
         s = self._settings
         curve = self.curves[int(acted[-1] < 0.0)]

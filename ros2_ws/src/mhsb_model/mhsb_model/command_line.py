@@ -280,7 +280,11 @@ def _parse(
     """
 
     def raise_usage_error(event: parse_errors.ParseErrorEvent) -> None:
-        """Raise UsageError with one sentence for an error event of tyro's parser."""
+        """Raise UsageError with one sentence for an error event of tyro's parser.
+
+        The sentence ends with a hint to `--help`. If an option is unknown, it also names a similar
+        option, if there is one.
+        """
         sentence = _describe_parse_error(event, arguments).rstrip(".")
         if isinstance(event, parse_errors.UnrecognizedArgs) and event.tokens[0].startswith("--"):
             sentence += suggest_name(event.tokens[0].partition("=")[0], _list_options(command))

@@ -85,9 +85,12 @@ class MachineFileError(MhsbError):
         super().__init__(f"{self.kind} {source}: " + "; ".join(self._list_problems()))
 
     def format_lines(self) -> list[str]:
-        """Format the message: one line for one problem, else a title and one line per problem.
+        """Format the message as lines of text.
 
-        After MAX_LISTED_PROBLEMS problems, a last line gives the number of the others.
+        Returns:
+            For one problem, the whole message in one line. Otherwise a title with the file's kind
+            and name, and an indented line for each problem. After MAX_LISTED_PROBLEMS problems, a
+            last line gives the number of the others.
         """
         listed = self._list_problems()
         if len(listed) == 1:
@@ -95,7 +98,7 @@ class MachineFileError(MhsbError):
         return [f"{self.kind} {self.source}:", *(f"  {problem}" for problem in listed)]
 
     def _list_problems(self) -> list[str]:
-        """Return the first `MAX_LISTED_PROBLEMS` problems, then how many more there are."""
+        """Return the first `MAX_LISTED_PROBLEMS` problems; if there are more, also their number."""
         listed = list(self.problems[:MAX_LISTED_PROBLEMS])
         if len(self.problems) > MAX_LISTED_PROBLEMS:
             listed.append(f"and {len(self.problems) - MAX_LISTED_PROBLEMS} more")

@@ -154,10 +154,11 @@ def serve_node(
 ) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
     """Make an executor and the node that it serves, as a context manager.
 
-    The caller spins the executor. At the end of the block, the node is destroyed within
-    `LONGEST_DESTRUCTION`, and the executor is shut down. A warning is logged for each parameter of
-    the command line that the node does not have. The executor is made first, since
-    ROS may be shut down while the node is made, and rclpy cannot make an executor after that.
+    The caller spins the executor. At the end of the block, the node is destroyed and the executor
+    shut down. If destroying takes longer than `LONGEST_DESTRUCTION`, the process ends with code 1.
+    A warning is logged for each parameter of the command line that the node does not have. The
+    executor is made first, since ROS may be shut down while the node is made, and rclpy cannot make
+    an executor after that.
 
     Args:
         make_node: Function that makes the node.

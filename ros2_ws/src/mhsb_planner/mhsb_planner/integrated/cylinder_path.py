@@ -509,9 +509,9 @@ def begin_path(
 ) -> None:
     """Set the working memory to the start of a cylinder path.
 
-    Writes the start posture to w.points[0] and the costs to w.value[0]. The cost is 0 in the last
-    column, which stands for the modes in force at the start. It is inf in the columns of the mode
-    combinations.
+    Writes posture, cylinder lengths and piston forces at the start to row 0 of w.points. Writes the
+    costs to w.value[0]. The cost is 0 in the last column, which stands for the modes in force at
+    the start. It is inf in the columns of the mode combinations.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

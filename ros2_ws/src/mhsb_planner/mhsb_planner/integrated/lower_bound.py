@@ -319,8 +319,9 @@ def bound_cost_to_goals(
     """Compute a lower bound on the cost of every plan from a start to the goal, in any modes.
 
     The bound, by branch and bound, is at most BOUND_TOLERANCE (relative) below the minimum over all
-    admissible tip positions and all their postures, sampled or not. Mode switches and the
-    manipulability loss do not count.
+    admissible tip positions and all their postures, sampled or not. It is lower if `most_cells` is
+    used up, or cells become narrower than MIN_CELL_WIDTH. Mode switches and the manipulability loss
+    do not count.
 
     Args:
         machine: The arm without a slewing joint.
@@ -328,7 +329,8 @@ def bound_cost_to_goals(
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Goal postures, which give the tip positions and the range of the end-link angle ψ.
         weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
-        most_cells: Limit on the effort: largest number of cells that the branch and bound adds.
+        most_cells: Limit on the effort for each tip position: largest number of cells that the
+            branch and bound adds.
 
     Returns:
         The bound [-]; inf if no posture reaches any of the tip positions.

@@ -448,13 +448,15 @@ def _fit_candidate(
     """Compute the motion of one curve, slowed until it keeps every limit.
 
     Some curves are refused at once (`_schedule_curve`). The curve is slowed if it is too fast for
-    V_max, valves, pumps, or the limits of joint acceleration and jerk. All steps of the path then
-    become longer; with `candidate.slows_pieces` only those around the violation.
+    V_max × (1 + `rules.max_excess`), valves, pumps, or the limits of joint acceleration and jerk.
+    All steps of the path then become longer; with `candidate.slows_pieces` only those around the
+    violation.
 
-    Pressures, obstacles and the times between points are checked last. If the pressure is too low,
-    the ramps (changes of speed) become longer, up to `candidate.max_ramp_factor`. After that, the
-    steps become longer if `candidate.stretchable` allows it. The curve is also refused if slowing
-    cannot mend a violation, if the path would have to become too slow, or after MAX_STRETCH_ROUNDS.
+    Pressures, obstacles and the times between points are checked last. If inertia asks for too
+    much pressure, the fit begins again with longer ramps (changes of speed), up to
+    `candidate.max_ramp_factor`. For other violations, and after that, the steps become longer if
+    `candidate.stretchable` allows it. The curve is also refused if slowing cannot mend a violation,
+    if the path would have to become too slow, or after MAX_STRETCH_ROUNDS.
 
     Args:
         machine: Machine whose joint limits and workspace are widened to include the start.

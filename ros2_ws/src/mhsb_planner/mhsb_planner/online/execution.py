@@ -192,7 +192,8 @@ class Execution:
             machine: Machine from which the tip position is computed.
             arm_state: Arm state. Only `measured` is read.
             since_ns: Time since the plan's end, in the time of plans [ns].
-            is_last: True if the arrival is judged now, by the distances so far.
+            is_last: True if the arrival is judged now, by the distances so far. It has no effect
+                within one dead time after the plan's end.
 
         Returns:
             None while the arrival is undecided. `REACHED` as soon as the tip has stayed long

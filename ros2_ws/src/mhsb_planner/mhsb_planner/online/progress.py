@@ -37,7 +37,7 @@ class Progress:
         self._summed_ns: int | None = None
 
     def update(self, execution: Execution, now_ns: int) -> None:
-        """Update the elapsed share, the time left and the energy.
+        """Update the elapsed share (0 … 1), the time left [s] and the energies [J].
 
         `replan.change_ns` is the time at which the plan deviates from the previous plan. The
         present time is limited to the range from there to the plan's end. The energy since the

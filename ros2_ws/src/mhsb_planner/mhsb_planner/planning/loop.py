@@ -200,7 +200,9 @@ class PlanningLoop:
         )
 
     def _yield_until_failure(self, proposals: Iterable[PathProposal]) -> Iterator[PathProposal]:
-        """Yield proposals until their source ends; log its error if there is a motion.
+        """Yield proposals until their source ends or fails.
+
+        If it fails and there is a motion, the error is logged and the proposals end.
 
         Args:
             proposals: Path proposals, requested one after the other.
@@ -209,8 +211,8 @@ class PlanningLoop:
             The proposals.
 
         Raises:
-            DeadlineError: The source had no more time.
-            Exception: The source has failed, and there is no motion.
+            DeadlineError: The source had no more time, with or without a motion.
+            Exception: The source has failed, and there is no motion. Errors have any type.
         """
         try:
             yield from proposals

@@ -229,6 +229,8 @@ class _PsiSamples(NamedTuple):
 def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
     """Sample the end-link angle ψ in all its feasible intervals at a tip position.
 
+    The arm must have three turning joints.
+
     Args:
         m: Arrays of the machine.
         tip: Tip position (x, z) [m].

@@ -255,7 +255,9 @@ class PlannerParameters:
                 estimate. The estimate replaces `payload` if `payload_from` is `estimate`.
 
         Returns:
-            Settings with the options, and with the machine of the file as changed by these values.
+            Settings with the options, the limits of the commit horizon and the planning budget.
+            Their machine is that of the file with payload, supply pressure, V_max and zones of
+            these values, and with the remaining booster modules, at least 0.
         """
         modules = max(base.arrays.module_count - len(lost_servo_pumps), 0)
         machine = self.apply_to_machine(base)

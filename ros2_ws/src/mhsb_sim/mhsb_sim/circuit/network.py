@@ -418,9 +418,14 @@ def move_port_valve(circuit: Circuit, k: int) -> None:
 def connect_supply(circuit: Circuit, count: int) -> int:
     """Add the elements between manifold, rail and tank to the list of elements.
 
-    These are the check valve of the rail and two relief valves. The valves of all registered kinds
-    (`valves.registry`) are added, too, wherever they are in the circuit. Port valves add no element
-    here; their spools are moved by one step (`move_port_valve`).
+    These are, in this order:
+
+    - the check valve from manifold to rail,
+    - the valves of all registered kinds (`valves.registry`), wherever they are in the circuit; port
+      valves add no element here, but their spools are moved by one step (`move_port_valve`),
+    - the relief valves from rail and from manifold to tank.
+
+    Each element gets the flow at the present pressures, and its slope over the pressure drop.
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) in place.

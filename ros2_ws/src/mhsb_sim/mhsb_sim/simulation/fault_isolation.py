@@ -260,15 +260,17 @@ class JumpingLength(Symptom):
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the sensor whose length has changed most, relative to what a sound sensor can show.
 
+        The change is that since the readings of the previous call, which are kept for this.
+
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
-            Magnitude of the change since the previous readings divided by the largest change of a
-            sound sensor [-], and a clause that names the sensor. The largest change is
+            Magnitude of the change divided by the largest change of a sound sensor [-], and a
+            clause with the sensor's name and the signed change in mm. The largest change is
             `farthest_jump` for each watch period between the readings, at least for one, plus
             JUMP_NOISE_FACTOR standard deviations of the noise of a difference. The value is 0 in
-            the first sample.
+            the first call.
         """
         now, before = sample.sensed, self._before or sample.sensed
         self._before = now

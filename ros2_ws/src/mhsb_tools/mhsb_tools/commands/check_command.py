@@ -57,6 +57,7 @@ def check(
 
     Raises:
         UsageError: `plot` does not end in .png.
+        MhsbError: The file, or its section on valves, is invalid, or the picture cannot be written.
     """
     command_line.check_suffix("plot", plot, ".png")
     machine = load_machine(file)

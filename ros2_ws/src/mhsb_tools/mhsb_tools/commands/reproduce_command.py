@@ -95,6 +95,7 @@ def reproduce(
     summary has every expectation: what the paper says, and what the published and the exact search
     give. It also says how many expectations are met if the published heuristic is multiplied by
     other factors, and has the best operating points. Energies are in J, lengths in m, times in s.
+    After Ctrl-C, only the figures that were ready exist. At the end, the summary is printed.
 
     Args:
         output: Folder to write to.
@@ -104,6 +105,8 @@ def reproduce(
 
     Raises:
         RequestError: The machine has another number of joints than the paper's arm.
+        MhsbError: The machine file is invalid, the folder or a file cannot be written, or a run
+            failed.
     """
     arm = load_machine(machine)
     if arm.joint_count != PAPER_JOINT_COUNT:

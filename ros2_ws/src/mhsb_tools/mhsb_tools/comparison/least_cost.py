@@ -424,11 +424,12 @@ class _Pricing:
     def holding_switch_cost(self, force: FloatArray) -> FloatArray:
         """Compute the cost of switching to the mode combination that holds a load at rest.
 
-        An actuator switches to mode DB (boosted by its own servo pump) if the main pump's pressure
-        is too low to hold its load. Otherwise it switches to mode N (fed by the main pump).
+        An actuator switches to mode DB (boosted by its own servo pump) if load pressure and boost
+        margin together exceed the main pump's pressure. Otherwise it switches to mode N (fed by
+        the main pump). The number of booster modules is not limited.
 
         Args:
-            force: Piston forces at rest [N], shape (k, n).
+            force: Piston forces at rest, positive if they resist extension [N], shape (k, n).
 
         Returns:
             Cost of the switch from each mode combination, shape (k, patterns): w₃, the weight of

@@ -198,11 +198,10 @@ def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
 
 
 def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, Any], ...]) -> None:
-    """Draw circles and boxes in the arm's plane.
+    """Draw the circles and boxes of an obstacle table in the arm's plane.
 
-    A shape that several rows describe is drawn once. Each of the two kinds gets one label.
-
-    Rows that stand for a link of the arm itself are skipped.
+    A shape that several rows describe is drawn once. Obstacles of the whole arm get one label in
+    all, those of the tip alone another. Rows that stand for a link of the arm itself are skipped.
 
     Args:
         rows: Obstacle table with the columns of `obstacles.zones`. A shape may have several rows,

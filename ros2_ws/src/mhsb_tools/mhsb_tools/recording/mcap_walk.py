@@ -371,7 +371,8 @@ class McapWalk:
         """Read all message indexes that follow each other from an offset on.
 
         A message index lists log time and place of the messages of one channel in the chunk before
-        it.
+        it. A damaged frame ends the reading without an error. `_unverified_offset` becomes the
+        offset of the last index; None without an index.
 
         Args:
             at: Offset of the first message index.

@@ -289,7 +289,17 @@ def find_applied_stamp(
 
 
 def _was_stopped(verdict: GoalVerdict | None, execution: ExecutionReport | None) -> bool:
-    """Return whether a goal ended because the user stopped the arm, before or after a plan."""
+    """Return whether a goal ended because the user stopped the arm, before or after a plan.
+
+    Args:
+        verdict: Verdict on the goal. It only counts if `execution` is None.
+        execution: Execution report of the goal; None if the goal was not accepted or the report is
+            missing.
+
+    Returns:
+        True if this is the report's outcome, or without a report the verdict's code. False if both
+        are None.
+    """
     if execution is not None:
         return execution.outcome is Outcome.STOPPED
     return verdict is not None and verdict.code is Verdict.STOPPED

@@ -360,6 +360,8 @@ class _Evaluator:
     def evaluate_groups(self, begin: int, end: int) -> dict[str, Run]:
         """Run the path search with all settings of some of the `groups`.
 
+        The settings of a group share a step graph, which is built once for the group.
+
         Args:
             begin: Index of the first group.
             end: Index after the last group.

@@ -357,7 +357,7 @@ def compute_highest_tip_speed(machine: Machine, run: Replay) -> float:
 
 
 def compute_time_lost(commands: Sequence[Command], run: Replay) -> float:
-    """Return by how much the reference reached the end of the last plan later than planned.
+    """Return by how much the reference came to rest later than the last plan says.
 
     It is later if the guard (reference governor) has slowed the plans. The run must contain the end
     of the motion.
@@ -367,7 +367,8 @@ def compute_time_lost(commands: Sequence[Command], run: Replay) -> float:
         run: The record of the run.
 
     Returns:
-        Time lost [s]; 0 if the reference arrived in time, nothing moved, or there are no commands.
+        Time of the last sample at which the reference moves, minus the end of the last plan [s]. It
+        is 0 if the reference arrived in time, nothing moved, or there are no commands.
     """
     moving = np.flatnonzero(np.any(run.reference[:, 1] != 0.0, axis=1))
     if not len(moving) or not commands:

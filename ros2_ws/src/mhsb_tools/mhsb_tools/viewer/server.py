@@ -74,11 +74,14 @@ class LocalServer(ViserServer):
         handle = connection._handle_incoming_message
 
         async def guarded(client_id: int, message: Any) -> None:
-            """Check a message, then handle it; if either fails, call `on_refusal` with a sentence.
+            """Check a message if it changes controls, then handle it with the former handler.
+
+            No exception leaves this function. If the check or the handler fails, `on_refusal` is
+            called with a sentence; a refused message is not handled.
 
             Args:
                 client_id: Number of the connected page.
-                message: The message.
+                message: The message. Only a `GuiUpdateMessage` is checked.
             """
             try:
                 if isinstance(message, GuiUpdateMessage):

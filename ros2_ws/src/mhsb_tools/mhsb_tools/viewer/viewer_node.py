@@ -406,8 +406,8 @@ class ViewerNode(GoalSender):
         """Decode joint states, and combine them with the last known modes, pressures and energies.
 
         The pressures are those of the newest actuator states, however old these are. If none have
-        come since a browser was opened, the pressures are nan. The energies grow by the power of
-        the newest actuator states times their time since the previous call's actuator states.
+        come since a browser was opened, the pressures are nan. The running sums of the energies
+        grow by the time since the previous call's actuator states, times the mean of both powers.
 
         Args:
             data: One serialized message of joint states.
