@@ -233,7 +233,7 @@ class InverseCurve:
 
         The file's curve is interpolated at the knots of this curve. The standard deviations come
         from the file, but are at most those of a new curve. The correlations are those of a new
-        curve.
+        curve. `known_speed` comes from the file, too, but is at most the speed of the last knot.
 
         Args:
             learnt: Curve from an estimates file.
@@ -257,8 +257,9 @@ class InverseCurve:
     ) -> None:
         """Update the curve with a measured speed and the command that caused it.
 
-        A Kalman filter corrects the commands at all knots, and their covariance. The next call of
-        `raise_dead_band` uses its first step again.
+        A Kalman filter corrects the commands at all knots, and their covariance. `known_speed`
+        rises to that of the fastest knot whose standard deviation is below half of its initial one.
+        The next call of `raise_dead_band` uses its first step again.
 
         Args:
             speed: Measured speed ≥ 0 [m/s].
@@ -286,6 +287,8 @@ class InverseCurve:
         self, share: FloatArray, command: float, variance: float, kept: int = 0
     ) -> FloatArray:
         """Correct the commands of all knots with one pair of speed and command.
+
+        The covariance is not changed.
 
         Args:
             share: Weights φ_k of the knots at the speed of the pair, float64[k].

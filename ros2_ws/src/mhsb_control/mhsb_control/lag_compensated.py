@@ -221,6 +221,8 @@ class LagCompensatedAxis:
     def update(self, length: float, look_ahead: LookAhead) -> float:
         """Learn from the measured length, and compute the valve command of one control period.
 
+        Nothing is learnt while `learns` is False, or before a whole window of lengths was measured.
+
         Args:
             length: Measured length of the cylinder [m].
             look_ahead: Function that returns the reference length [m] and speed [m/s] at a time

@@ -209,10 +209,11 @@ def advance_spools(
         ẍ = ω² (x_cmd − x) − 2 ζ ω ẋ,    ω = 2 ζ/ℓ
 
     The equation is integrated by the implicit Euler method. The command x_cmd counts when it acts.
+    A window in which x_cmd is 0, or fully opens the valve, becomes unusable.
 
     Args:
-        lags: Estimate of the lag. Writes the openings, rates and strokes of the valve's `spools`,
-            and in the first step of a window its `windows`, in place.
+        lags: Estimate of the lag. Writes the openings, rates and strokes of the valve's `spools` in
+            place. In the first step of a window, it also writes length and force into `windows`.
         valves: Estimates of the valves with delayed openings.
         j: Index of the valve.
         length: Measured cylinder length [m].

@@ -462,7 +462,8 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
     """Advance servo pumps and diverters by a substep, and add the pumps to the list of elements.
 
     A diverter leads a pump's flow to the rail or to the actuator's own line. So each pump has up to
-    two elements for its flow, and two for its slip.
+    two elements for its flow, and two for its slip. A pump's flow is limited by its largest speed
+    and by its drive's power, and falls if the manifold's pressure does not fill the pump.
 
     Slip is the flow that leaks back through a pump, also if the pump stands still. It is
     proportional to the pressure rise, and negative if the manifold has the higher pressure.

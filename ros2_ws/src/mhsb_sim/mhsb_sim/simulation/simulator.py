@@ -118,6 +118,7 @@ class Simulator:
 
         Raises:
             EstimatesFileError: The estimates file is damaged or belongs to another machine.
+            ArgumentError: An estimates file is given, but the controller does not learn.
             UnknownControllerError: No controller has this name.
             MachineFileError: The controller's gains in the machine's file are wrong.
             PressureSensorsError: The controller reads pressures that the machine does not measure.
@@ -621,7 +622,8 @@ class Simulator:
     def step_hydraulics(self) -> None:
         """Run sensors, servo and circuit for one step while the arm does not move.
 
-        Time and reference do not advance, and divergence is not detected.
+        Time and reference do not advance, so each call has the same sensor noise. Divergence is not
+        detected.
         """
         self._control_valves()
         self._push(True, self._first_substeps)
