@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import traceback
 from collections import deque
 from collections.abc import Callable
@@ -136,7 +137,8 @@ class RosOutbox:
         """Store the worker's answer to a request, and wake the node.
 
         The method runs in the worker's thread. An exception that is not an MhsbError is also logged
-        with its traceback. A request that `close` has dropped gets no answer.
+        with its traceback. A request that `close` has dropped gets no answer. Garbage of earlier
+        plans is collected once the node has been woken.
 
         Args:
             request: The request.
@@ -153,6 +155,8 @@ class RosOutbox:
                 self._node.get_logger().error(f"planning failed: {text}")
             self._answers.append((request, error))
         self._answered.trigger()
+        # Errors of searches form cycles with their frames, which hold step graphs of 20 MB.
+        gc.collect()
 
     def take_answers(self) -> list[Answer]:
         """Return the answers since the previous call, and remove them from the queue.

@@ -1,12 +1,15 @@
 """Outbox of the planner node: answers to requests that wait for another one."""
 
+import gc
 import threading
+import weakref
 from collections.abc import Iterator
 
 import pytest
 from rclpy.context import Context
 from rclpy.node import Node
 
+from mhsb_model.errors import MhsbError
 from mhsb_planner.ros.outbox import RosOutbox
 
 
@@ -25,6 +28,32 @@ class WaitingRequest:
         self.begun.set()
         assert self.let_go.wait(30.0)
         return replanner
+
+
+class StepTable:
+    """Stands for the large tables of a search."""
+
+
+class FailingRequest:
+    """Request without a plan, whose error and frame hold each other.
+
+    Attributes:
+        table: Weak reference to the table that the frame holds.
+    """
+
+    def make_plan(self, replanner: object) -> object:
+        table = StepTable()
+        self.table = weakref.ref(table)
+        error = MhsbError("no path")
+        raise error
+
+
+@pytest.fixture
+def no_automatic_collection() -> Iterator[None]:
+    """Python collects no garbage by itself."""
+    gc.disable()
+    yield
+    gc.enable()
 
 
 @pytest.fixture
@@ -56,3 +85,14 @@ def test_closing_drops_waiting_requests_without_a_word(outbox, caplog):
     assert outbox.take_answers() == [(made, "a plan")]
     assert not waiting.begun.is_set()
     assert caplog.text == ""
+
+
+def test_tables_of_a_failed_plan_are_freed_with_the_next_plan(outbox, no_automatic_collection):
+    failing, next_request = FailingRequest(), WaitingRequest()
+    outbox.start_planning(failing)
+    outbox.start_planning(next_request)
+    assert next_request.begun.wait(30.0)
+    assert [str(answer) for _, answer in outbox.take_answers()] == ["no path"]
+    next_request.let_go.set()
+    outbox.close()
+    assert failing.table() is None
