@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,17 +13,13 @@ import pytest
 from mhsb_tools import executables
 from mhsb_tools.executables import SUBCOMMAND_TABLE
 
-ROOT = Path(__file__).resolve().parents[1]
 MOVED = [
-    (file.parent.name, name)
-    for file in sorted(ROOT.glob("ros2_ws/src/mhsb_*/mhsb_*/executables.py"))
-    for name in re.findall(r"^(\w+) = forward_to_tools", file.read_text(), re.MULTILINE)
+    (package, name)
+    for package in ("mhsb_model", "mhsb_planner", "mhsb_sim")
+    for name, entry in vars(importlib.import_module(f"{package}.executables")).items()
+    if getattr(entry, "__qualname__", "").startswith("forward_to_tools.")
 ]
-FORMER = re.findall(
-    r'^(\w+) = _former_spelling\("([\w-]+)"\)',
-    Path(executables.__file__).read_text(encoding="utf-8"),
-    re.MULTILINE,
-)
+FORMER = list(executables.FORMER_SPELLINGS.items())
 """Former names of `ros2 run mhsb_tools NAME`, with the subcommands that they start."""
 
 

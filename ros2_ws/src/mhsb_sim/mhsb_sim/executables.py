@@ -17,16 +17,19 @@ def sim_node() -> NoReturn:
     make_node_entry("mhsb_sim.ros.sim_node")()
 
 
-# These commands belong to mhsb_tools; `ros2 run mhsb_sim NAME` forwards to them.
-simulate = forward_to_tools("simulate")
-compare = forward_to_tools("compare")
-study = forward_to_tools("study")
-tune = forward_to_tools("tune")
-record = forward_to_tools("record")
-report = forward_to_tools("report")
-animate = forward_to_tools("animate")
-demo = forward_to_tools("demo")
-viewer = forward_to_tools("viewer")
+MOVED_COMMANDS = (
+    "simulate",
+    "compare",
+    "study",
+    "tune",
+    "record",
+    "report",
+    "animate",
+    "demo",
+    "viewer",
+)
+"""Commands that belong to mhsb_tools; `ros2 run mhsb_sim NAME` forwards to them."""
+globals().update({name: forward_to_tools(name) for name in MOVED_COMMANDS})
 
 if __name__ == "__main__":
     run_named(globals())

@@ -167,19 +167,22 @@ def _former_spelling(name: str) -> Callable[[], int]:
     return enter
 
 
-# `ros2 run mhsb_tools NAME`; to be removed in the next release.
-check = _former_spelling("check")
-plan = _former_spelling("plan")
-reproduce = _former_spelling("reproduce")
-simulate = _former_spelling("simulate")
-compare = _former_spelling("compare")
-study = _former_spelling("study")
-tune = _former_spelling("tune")
-report = _former_spelling("report")
-animate = _former_spelling("animate")
-demo = _former_spelling("demo")
-record = _former_spelling("record")
-viewer = _former_spelling("view")
+FORMER_SPELLINGS = {
+    "check": "check",
+    "plan": "plan",
+    "reproduce": "reproduce",
+    "simulate": "simulate",
+    "compare": "compare",
+    "study": "study",
+    "tune": "tune",
+    "report": "report",
+    "animate": "animate",
+    "demo": "demo",
+    "record": "record",
+    "viewer": "view",
+}
+"""Subcommand by NAME of `ros2 run mhsb_tools NAME`; to be removed in the next release."""
+globals().update({former: _former_spelling(name) for former, name in FORMER_SPELLINGS.items()})
 
 if __name__ == "__main__":
     run_named(globals())
