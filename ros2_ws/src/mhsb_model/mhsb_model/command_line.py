@@ -1,9 +1,8 @@
 """Frame in which every command of the suite runs: arguments, errors and exit codes.
 
-A command is a function, or a dataclass with a method `run`. Its parameters, their types and their
-documentation define the command line. A parameter that is a dataclass is a group of options with
-the names of its fields. An error that the user can cause is printed as one sentence on standard
-error. The exit codes are:
+A command is a function. Its parameters, their types and their documentation define the command
+line. A parameter that is a dataclass is a group of options with the names of its fields. An error
+that the user can cause is printed as one sentence on standard error. The exit codes are:
 
     exit code  0    success (or the code that the command returns)
                1    the command failed, or a given file cannot be used
@@ -26,7 +25,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, Protocol, cast, get_type_hints
+from typing import Annotated, Any, cast, get_type_hints
 
 import docstring_parser
 import tyro
@@ -120,19 +119,8 @@ JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
 """Option `--json` of a parameter with another name, since `json` is the name of a module."""
 
 
-class CommandArguments(Protocol):
-    """A dataclass whose fields are the arguments of a command."""
-
-    def run(self) -> int | None:
-        """Run the command.
-
-        Returns:
-            The exit code; None means 0.
-        """
-
-
 def run(
-    command: Callable[..., int | None] | type[CommandArguments],
+    command: Callable[..., int | None],
     arguments: Sequence[str] | None = None,
     *,
     name: str | None = None,
@@ -152,7 +140,7 @@ def run(
     are raised. `--help` prints the help and raises SystemExit with code 0.
 
     Args:
-        command: A function, or a dataclass with a method `run`.
+        command: A function whose parameters are the arguments of the command.
         arguments: Words of the command line; None takes the process's own.
         name: Name of the command in usage and error messages; None takes the name of the started
             file.
@@ -194,13 +182,11 @@ def run(
         return _print_failure(name, f"{error.filename}: {error.strerror}", EXIT_FAILED)
 
 
-def make_main(
-    command: Callable[..., int | None] | type[CommandArguments], *, node: bool = False
-) -> Callable[[], int]:
+def make_main(command: Callable[..., int | None], *, node: bool = False) -> Callable[[], int]:
     """Make the function `main` of a command's module, which `mhsb_model.process` calls.
 
     Args:
-        command: A function, or a dataclass with a method `run`.
+        command: A function whose parameters are the arguments of the command.
         node: Whether `--ros-args …` is removed before parsing.
 
     Returns:
@@ -261,14 +247,14 @@ def _one_line(text: str) -> str:
 
 
 def _parse(
-    command: Callable[..., int | None] | type[CommandArguments], arguments: list[str], name: str
+    command: Callable[..., int | None], arguments: list[str], name: str
 ) -> Callable[[], int | None]:
     """Parse a command's arguments and bind them to the command, without running it.
 
     `--help` prints the help and raises SystemExit with code 0.
 
     Args:
-        command: A function, or a dataclass with a method `run`.
+        command: A function whose parameters are the arguments of the command.
         arguments: Words of the command line.
         name: Name of the command in usage and error messages.
 
@@ -291,7 +277,7 @@ def _parse(
         raise UsageError(f"{sentence}; see {name} --help")
 
     with parse_errors.on_parse_error(raise_usage_error):
-        parsed: Any = tyro.cli(
+        parsed = tyro.cli(
             command,
             prog=name,
             description=_description(command),
@@ -303,7 +289,7 @@ def _parse(
             ),
             registry=_REGISTRY,
         )
-    return cast(Callable[[], int | None], parsed.run if isinstance(command, type) else parsed)
+    return cast(Callable[[], int | None], parsed)
 
 
 def _description(command: Callable[..., Any]) -> str:
@@ -313,7 +299,7 @@ def _description(command: Callable[..., Any]) -> str:
     which keeps tyro from joining the lines again.
 
     Args:
-        command: A function or dataclass.
+        command: A command.
 
     Returns:
         The wrapped paragraphs, one below the other without empty lines between them.

@@ -21,22 +21,21 @@ from mhsb_model.command_line import (
 from mhsb_model.errors import MachineFileError, MhsbError
 
 
-@dataclass
-class Move:
-    """Move somewhere."""
+def move(
+    goal: Annotated[tuple[float, float], tyro.conf.arg(metavar="X Z")],
+    search: Literal["exact", "published"] = "exact",
+    jobs: int = 1,
+    json: bool = False,
+) -> None:
+    """Move somewhere.
 
-    goal: Annotated[tuple[float, float], tyro.conf.arg(metavar="X Z")]
-    """tip position [m]"""
-    search: Literal["exact", "published"] = "exact"
-    """which search"""
-    jobs: int = 1
-    """processes to use"""
-    json: bool = False
-    """print JSON"""
-
-    def run(self) -> int | None:
-        print(self.goal, self.search, self.jobs, self.json)
-        return None
+    Args:
+        goal: tip position [m]
+        search: which search
+        jobs: processes to use
+        json: print JSON
+    """
+    print(goal, search, jobs, json)
 
 
 def send(x: tyro.conf.Positional[float], z: tyro.conf.Positional[float]) -> int:
@@ -98,13 +97,13 @@ def test_several_problems_of_a_machine_file_have_a_line_each(capsys):
     ]
 
 
-def test_a_dataclass_command_gets_typed_arguments(capsys):
-    assert run(Move, ["--goal", "0.5", "0.25", "--jobs", "3", "--json"]) == 0
+def test_a_command_gets_typed_arguments(capsys):
+    assert run(move, ["--goal", "0.5", "0.25", "--jobs", "3", "--json"]) == 0
     assert capsys.readouterr().out == "(0.5, 0.25) exact 3 True\n"
 
 
 def test_negative_numbers_are_values_of_options(capsys):
-    assert run(Move, ["--goal", "-0.5", "-1e-3"]) == 0
+    assert run(move, ["--goal", "-0.5", "-1e-3"]) == 0
     assert capsys.readouterr().out.startswith("(-0.5, -0.001)")
 
 
@@ -116,31 +115,31 @@ def test_negative_numbers_are_positional_values_and_the_exit_code_is_the_command
 @pytest.mark.parametrize(
     ("command", "arguments", "sentence"),
     [
-        (Move, ["--goal", "1"], "--goal takes X Z (tip position [m]), not '1'"),
-        (Move, ["--goal", "1", "x"], "--goal takes X Z (tip position [m]), not '1 x'"),
-        (Move, ["--goal", "1", "nan"], "--goal takes X Z (tip position [m]), not '1 nan'"),
-        (Move, [], "missing --goal"),
+        (move, ["--goal", "1"], "--goal takes X Z (tip position [m]), not '1'"),
+        (move, ["--goal", "1", "x"], "--goal takes X Z (tip position [m]), not '1 x'"),
+        (move, ["--goal", "1", "nan"], "--goal takes X Z (tip position [m]), not '1 nan'"),
+        (move, [], "missing --goal"),
         (
-            Move,
+            move,
             ["--goal", "1", "2", "--jobs"],
             "--jobs takes INT (processes to use), but nothing was given",
         ),
         (
-            Move,
+            move,
             ["--goal", "1", "2", "--jobs", "1.5"],
             "--jobs takes INT (processes to use), not '1.5'",
         ),
         (
-            Move,
+            move,
             ["--goal", "1", "2", "--search", "quick"],
             "--search takes one of exact, published, not 'quick'",
         ),
         (
-            Move,
+            move,
             ["--goal", "1", "2", "--gaol"],
             "not an argument of this command: --gaol; did you mean --goal?",
         ),
-        (Move, ["--goal", "1", "2", "--qqq", "3"], "not an argument of this command: --qqq 3"),
+        (move, ["--goal", "1", "2", "--qqq", "3"], "not an argument of this command: --qqq 3"),
         (
             grouped,
             ["--serach=1"],
@@ -163,7 +162,7 @@ def test_a_bad_argument_is_told_in_one_sentence(capsys, command, arguments, sent
 
 def test_help_shows_meaning_and_unit_of_every_argument(capsys):
     with pytest.raises(SystemExit) as end:
-        run(Move, ["--help"])
+        run(move, ["--help"])
     assert end.value.code == 0
     printed = capsys.readouterr().out
     assert "--goal X Z" in printed

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import json as json_format
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -139,74 +138,72 @@ class Recorder(Node):
             print(words, flush=True)
 
 
-@dataclass
-class RecordCommand:
-    """Record the suite's topics as a rosbag2 folder (MCAP) until interrupted."""
+def record(
+    output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    duration: Annotated[float | None, tyro.conf.arg(metavar="S"), NumberRange(1e-3, 1e9)] = None,
+    repair: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    json: bool = False,
+) -> int:
+    """Record the suite's topics as a rosbag2 folder (MCAP) until interrupted.
 
-    output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """new folder of the recording"""
-    duration: Annotated[float | None, tyro.conf.arg(metavar="S"), NumberRange(1e-3, 1e9)] = None
-    """stop by itself after this time [s, wall clock]"""
-    repair: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """complete this damaged recording instead of recording; the damaged files are kept beside it"""
+    Args:
+        output: new folder of the recording
+        duration: stop by itself after this time [s, wall clock]
+        repair: complete this damaged recording instead of recording; the damaged files are kept
+            beside it
+        json: print one JSON object at the end instead of text
 
-    json: bool = False
-    """print one JSON object at the end instead of text"""
+    Returns:
+        The exit code 0, after a recording and after a repair.
 
-    def run(self) -> int:
-        """Record until a signal or the duration ends it, or repair a recording.
-
-        Returns:
-            The exit code 0, after a recording and after a repair.
-
-        Raises:
-            UsageError: Not exactly one of `output` and `repair` is given, or `duration` is given
-                with `repair`.
-            BagError: The recording cannot be written or repaired.
-        """
-        if (self.output is None) == (self.repair is None):
-            raise UsageError("give either --output DIR or --repair DIR; see mhsb record --help")
-        if self.duration is not None and self.repair is not None:
+    Raises:
+        UsageError: Not exactly one of `output` and `repair` is given, or `duration` is given
+            with `repair`.
+        BagError: The recording cannot be written or repaired.
+    """
+    if repair is not None and output is None:
+        if duration is not None:
             raise UsageError(
-                f"--duration {self.duration:g} has no effect: with --repair nothing is recorded; "
+                f"--duration {duration:g} has no effect: with --repair nothing is recorded; "
                 "leave it out"
             )
-        if self.repair is not None:
-            self._print_repair(repair_recording(self.repair), self.repair)
-            return 0
-        assert self.output is not None
-        with process.grace_period(CLOSING_TIME), BagWriter(self.output) as bag:
-            code = spin_node(lambda: Recorder(bag, self.duration, self.json))
-        if self.json:
-            content = {"folder": str(self.output), "messages": bag.message_count}
-            print(json_format.dumps(content))
-        else:
-            print(f"recorded {bag.message_count} messages in {self.output}")
-        return code
-
-    def _print_repair(self, done: Repair, folder: Path) -> None:
-        """Print the result of a repair as a sentence, or as one JSON object with `--json`.
-
-        Args:
-            done: Result of the repair.
-            folder: Folder of the recording.
-        """
-        if not self.json:
-            print(done.sentence(folder))
-            return
-        content = {
-            "folder": str(folder),
-            "messages": done.kept,
-            "complete": done.is_complete,
-            "lost_messages": done.lost,
-            "lost_bytes": done.lost_bytes,
-            "lost_is_exact": done.is_exact,
-            "repeated": done.repeated,
-            "unlisted": done.unlisted,
-            "nameless": done.nameless,
-            "originals": done.originals,
-        }
-        print(json_format.dumps(content))
+        _print_repair(repair_recording(repair), repair, as_json=json)
+        return 0
+    if output is None or repair is not None:
+        raise UsageError("give either --output DIR or --repair DIR; see mhsb record --help")
+    with process.grace_period(CLOSING_TIME), BagWriter(output) as bag:
+        code = spin_node(lambda: Recorder(bag, duration, json))
+    if json:
+        print(json_format.dumps({"folder": str(output), "messages": bag.message_count}))
+    else:
+        print(f"recorded {bag.message_count} messages in {output}")
+    return code
 
 
-main = make_main(RecordCommand, node=True)
+def _print_repair(done: Repair, folder: Path, *, as_json: bool) -> None:
+    """Print the result of a repair as a sentence, or as one JSON object.
+
+    Args:
+        done: Result of the repair.
+        folder: Folder of the recording.
+        as_json: Whether the JSON object is printed.
+    """
+    if not as_json:
+        print(done.sentence(folder))
+        return
+    content = {
+        "folder": str(folder),
+        "messages": done.kept,
+        "complete": done.is_complete,
+        "lost_messages": done.lost,
+        "lost_bytes": done.lost_bytes,
+        "lost_is_exact": done.is_exact,
+        "repeated": done.repeated,
+        "unlisted": done.unlisted,
+        "nameless": done.nameless,
+        "originals": done.originals,
+    }
+    print(json_format.dumps(content))
+
+
+main = make_main(record, node=True)

@@ -17,7 +17,7 @@ from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.bag_format import BagError, BagTopic
 from mhsb_tools.recording.bag_repair import Repair, repair_recording
 from mhsb_tools.recording.bag_writer import BagWriter
-from mhsb_tools.recording.record_command import RecordCommand
+from mhsb_tools.recording.record_command import record
 
 TOPIC = BagTopic("/modes", "std_msgs/msg/UInt8MultiArray", "")
 COUNT = 3000
@@ -112,7 +112,7 @@ def test_a_folder_without_a_recording_is_refused(tmp_path):
 
 def test_the_command_prints_what_it_kept_and_lost_as_json(whole, capsys):
     tear(whole, 0.5)
-    assert RecordCommand(repair=whole, json=True).run() == 0
+    assert record(repair=whole, json=True) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["folder"] == str(whole)
     assert printed["messages"] == len(times(whole))
