@@ -47,10 +47,10 @@ from mhsb_planner.result_files import write_json
 from mhsb_tools.live.child_process import ChildProcess
 from mhsb_tools.live.nodes import (
     check_no_other_nodes,
-    compile_nodes,
     run_both_nodes,
     wait_for_planner_answer,
 )
+from mhsb_tools.study.headless import compile_kernels
 
 LAST_TIMEOUT = 60.0
 """Time in which the last goal must be reached [s]."""
@@ -255,7 +255,7 @@ def prepare(machine: Machine, goals: int, seed: int) -> tuple[Figures, list[Seed
     Returns:
         Figures of the computer with SciPy's time [ms], and the goals.
     """
-    compile_nodes()
+    compile_kernels()
     planner = Planner(machine, load_or_build_table(machine))
     warm_up(planner)
     wanted = draw_reachable_goals(planner, goals, seed)

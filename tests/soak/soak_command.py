@@ -35,7 +35,8 @@ from mhsb_msgs_py.node_process import run_ros, serve_node
 from mhsb_planner.planner import Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
-from mhsb_tools.live.nodes import check_no_other_nodes, compile_nodes
+from mhsb_tools.live.nodes import check_no_other_nodes
+from mhsb_tools.study.headless import compile_kernels
 
 GOALS = 100
 """Number of different goals, which are sent repeatedly."""
@@ -289,7 +290,7 @@ def soak(
     if not minutes > 0.0:
         raise UsageError(f"--minutes is {minutes:g}; it must be above 0")
     arm, settings = load_machine(machine), (f"machine:={machine}",) if machine else ()
-    compile_nodes()
+    compile_kernels()
     planner = Planner(arm, load_or_build_table(arm))
     warm_up(planner)
     goals = draw_reachable_goals(planner, GOALS, seed)

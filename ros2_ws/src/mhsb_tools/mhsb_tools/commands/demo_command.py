@@ -40,11 +40,11 @@ from mhsb_tools.live.child_process import ChildEndedError, ChildProcess
 from mhsb_tools.live.nodes import (
     ANSWER_TIMEOUT,
     check_no_other_nodes,
-    compile_nodes,
     run_both_nodes,
     wait_for_planner_answer,
 )
 from mhsb_tools.report.report_command import write_report
+from mhsb_tools.study.headless import compile_kernels
 
 GOALS_FILE = "demo_goals.yaml"
 """Name of the goals file of the suite's own arm."""
@@ -178,7 +178,7 @@ def _demo(
     settings = (f"machine:={find_machine_file(machine).resolve()}",) if machine else ()
     files = {"plant": plant, "estimates_file": estimates_file}
     of_arm = tuple(f"{name}:={file.resolve()}" for name, file in files.items() if file)
-    compile_nodes()
+    compile_kernels(lambda line: print(line, flush=True))
     with run_command_node(GoalSender) as (executor, sender):
         check_no_other_nodes(sender, executor)
         with _shown(machine) if view else nullcontext():

@@ -9,12 +9,9 @@ from contextlib import ExitStack, contextmanager
 from rclpy.executors import SingleThreadedExecutor
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.kernels.pool import compile_ahead
 from mhsb_msgs_py.names import PLANNER_NODE, SIM_NODE
 from mhsb_msgs_py.node_process import spin_until
-from mhsb_planner import kernel_parts as planner_kernels
 from mhsb_planner.ros.goal_sender import GoalSender
-from mhsb_sim.simulation import kernel_parts as simulator_kernels
 from mhsb_tools.live.child_process import ChildEndedError, ChildProcess
 
 SIM_EXECUTABLE = ("mhsb_sim", "sim_node")
@@ -53,15 +50,6 @@ def check_no_other_nodes(sender: GoalSender, executor: SingleThreadedExecutor) -
             f"{' and '.join(sorted(running))} runs in this ROS domain already; end it or set "
             "ROS_DOMAIN_ID to another number"
         )
-
-
-def compile_nodes() -> None:
-    """Compile the kernels of both nodes on all processors before either node starts.
-
-    Compiled kernels are kept in the cache on disk. Progress is printed line by line.
-    """
-    parts = (*planner_kernels.KERNEL_PARTS, *simulator_kernels.KERNEL_PARTS)
-    compile_ahead(parts, lambda line: print(line, flush=True))
 
 
 @contextmanager

@@ -7,7 +7,7 @@ plan reaches the simulator through the same receiver. Planning takes no simulate
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -41,9 +41,14 @@ TOTAL_NAME = "delivered"
 """Part that is the sum of others and therefore left out."""
 
 
-def compile_kernels() -> None:
-    """Compile all kernels of planner and simulator that are not in the cache yet."""
-    compile_ahead((*simulator_kernels.KERNEL_PARTS, *planner_kernels.KERNEL_PARTS))
+def compile_kernels(report_progress: Callable[[str], None] | None = None) -> None:
+    """Compile all kernels of planner and simulator that are not in the cache yet.
+
+    Args:
+        report_progress: Function that gets a line of progress after each part; None shows a bar.
+    """
+    parts = (*simulator_kernels.KERNEL_PARTS, *planner_kernels.KERNEL_PARTS)
+    compile_ahead(parts, report_progress)
 
 
 @dataclass(frozen=True)
