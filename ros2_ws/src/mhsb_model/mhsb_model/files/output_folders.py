@@ -9,16 +9,13 @@ from pathlib import Path
 from mhsb_model.errors import MhsbError
 
 
-def make_output_folder(path: Path, purpose: str) -> Path:
+def make_output_folder(path: Path, purpose: str) -> None:
     """Create a folder for results and all its parents; an existing folder is left as it is.
 
     Args:
         path: Folder.
         purpose: Noun phrase for the error message, such as "the report" in "name one for the
             report".
-
-    Returns:
-        `path`.
 
     Raises:
         MhsbError: A part of the path exists and is not a folder.
@@ -28,7 +25,6 @@ def make_output_folder(path: Path, purpose: str) -> Path:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise MhsbError(f"{path} is not a folder; name one for {purpose}") from None
-    return path
 
 
 @contextmanager
@@ -53,7 +49,7 @@ def replace_file(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def make_parent_folder(file: Path, purpose: str) -> Path:
+def make_parent_folder(file: Path, purpose: str) -> None:
     """Create the parent folder of a file that is going to be written; do not create the file.
 
     At most one folder is created: a path with several unknown folders is likely to be misspelt.
@@ -62,9 +58,6 @@ def make_parent_folder(file: Path, purpose: str) -> Path:
         file: File, which may exist.
         purpose: Noun phrase for the error message, such as "the picture" in "name a file for the
             picture".
-
-    Returns:
-        `file`.
 
     Raises:
         MhsbError: The path is a folder, a parent of it is a file, or more than one folder would
@@ -78,4 +71,3 @@ def make_parent_folder(file: Path, purpose: str) -> Path:
             "folder that is there"
         )
     make_output_folder(file.parent, purpose)
-    return file

@@ -8,9 +8,11 @@ from mhsb_model.files.output_folders import make_output_folder, make_parent_fold
 
 def test_a_folder_is_made_with_all_above_it_and_may_be_there_already(tmp_path: Path) -> None:
     wanted = tmp_path / "a" / "b"
-    assert make_output_folder(wanted, "the run") == wanted
-    assert make_output_folder(wanted, "the run").is_dir()
-    assert make_parent_folder(tmp_path / "c" / "page.png", "the picture").parent.is_dir()
+    for _ in range(2):
+        make_output_folder(wanted, "the run")
+        assert wanted.is_dir()
+    make_parent_folder(tmp_path / "c" / "page.png", "the picture")
+    assert (tmp_path / "c").is_dir()
 
 
 @pytest.mark.parametrize("below", ["", "deeper"])

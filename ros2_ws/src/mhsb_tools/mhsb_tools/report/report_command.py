@@ -47,7 +47,7 @@ LEARNT_FIGURE = "estimates.png"
 WORKSPACE_FIGURE = "workspace.png"
 
 
-def draw_all(run: EvaluatedRecording, regions: OperatingRegions, folder: Path) -> list[Path]:
+def draw_all(run: EvaluatedRecording, regions: OperatingRegions, folder: Path) -> None:
     """Draw all figures of a recording and write them into a folder.
 
     The figure of estimates is drawn only if the recording has estimates. A progress bar is shown on
@@ -57,9 +57,6 @@ def draw_all(run: EvaluatedRecording, regions: OperatingRegions, folder: Path) -
         run: The evaluated recording.
         regions: Nodes of the workspace at which joints need boost.
         folder: Existing folder.
-
-    Returns:
-        The written PNG files.
     """
     figures = dict(FIGURE_FILES)
     if run.recording.estimates:
@@ -70,29 +67,22 @@ def draw_all(run: EvaluatedRecording, regions: OperatingRegions, folder: Path) -
         for name, draw in figures.items():
             draw(run, folder / name)
             bar.update()
-    return [folder / name for name in (WORKSPACE_FIGURE, *figures)]
 
 
-def draw_moves(run: EvaluatedRecording, folder: Path) -> list[Path]:
+def draw_moves(run: EvaluatedRecording, folder: Path) -> None:
     """Draw a page for each move of a recording and write it into a folder.
 
     A move begins when a goal's plan takes over. It ends when the next plan takes over or shortly
-    after the arm has come to rest.
+    after the arm has come to rest. The pages are `move_1.png`, `move_2.png` and so on, in time
+    order; goals without a page have no number.
 
     Args:
         run: The evaluated recording.
         folder: Existing folder.
-
-    Returns:
-        The written files `move_1.png`, `move_2.png` and so on, in time order. The numbers are those
-        of the pages; goals without a page have no number.
     """
-    moves = cut_into_moves(run)
-    files = [folder / f"move_{number}.png" for number in range(1, len(moves) + 1)]
-    pages = zip(moves, files, strict=True)
-    for move, file in tqdm(pages, total=len(moves), desc="moves", leave=False, disable=None):
-        draw_move_page(move, file)
-    return files
+    bar = tqdm(cut_into_moves(run), desc="moves", leave=False, disable=None)
+    for number, move in enumerate(bar, start=1):
+        draw_move_page(move, folder / f"move_{number}.png")
 
 
 SUMMARY_FILE = "summary.json"

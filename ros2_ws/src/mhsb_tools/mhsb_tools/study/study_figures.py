@@ -31,24 +31,19 @@ SHOWN_TIME = 2.0
 """Time after a fault that is drawn [s]."""
 
 
-def draw_study(results: Sequence[ScenarioResult], folder: Path) -> list[Path]:
+def draw_study(results: Sequence[ScenarioResult], folder: Path) -> None:
     """Draw the overview of all scenarios, and a figure of signals for some of them.
+
+    Of all scenarios with the same goals and interval, the one with the largest supply overshoot
+    gets a figure.
 
     Args:
         results: Result of each scenario.
         folder: An existing folder.
-
-    Returns:
-        The files: first the overview, then those of single scenarios. These are, of all scenarios
-        with the same goals and interval, the one with the largest supply overshoot.
     """
-    overview = folder / "overview.png"
-    draw_overview(results, overview)
-    files = [overview]
+    draw_overview(results, folder / "overview.png")
     for result in select_largest_overshoots(results):
-        files.append(folder / f"{result.scenario.name}.png")
-        draw_traces(result, files[-1])
-    return files
+        draw_traces(result, folder / f"{result.scenario.name}.png")
 
 
 def select_largest_overshoots(results: Iterable[ScenarioResult]) -> list[ScenarioResult]:

@@ -35,7 +35,7 @@ NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.pn
 def drawn(run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("figures")
     regions = determine_operating_regions(run.machine, load_or_build_table(run.machine))
-    assert sorted(path.name for path in report_command.draw_all(run, regions, folder)) == NAMES
+    report_command.draw_all(run, regions, folder)
     return folder
 
 
@@ -95,7 +95,8 @@ def test_nothing_half_written_is_left(drawn):
 def test_a_recording_without_plans_and_reports_is_drawn_all_the_same(idle_bag, machine, tmp_path):
     idle = evaluate_recording(read_recording(idle_bag), machine)
     regions = determine_operating_regions(machine, load_or_build_table(machine))
-    assert len(report_command.draw_all(idle, regions, tmp_path)) == len(NAMES)
+    report_command.draw_all(idle, regions, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == NAMES
 
 
 def learnt_in(run):
@@ -119,8 +120,8 @@ def learnt_in(run):
 
 def test_what_the_servo_has_learnt_is_drawn_where_it_has_told_it(run, tmp_path):
     regions = determine_operating_regions(run.machine, load_or_build_table(run.machine))
-    names = [path.name for path in report_command.draw_all(learnt_in(run), regions, tmp_path)]
-    assert sorted(names) == sorted([*NAMES, "estimates.png"])
+    report_command.draw_all(learnt_in(run), regions, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {*NAMES, "estimates.png"}
     picture = matplotlib.image.imread(tmp_path / "estimates.png")[..., :3]
     assert picture.shape[1] == FIGURE_WIDTH * DOTS_PER_INCH
     assert count_colors(picture) > 50

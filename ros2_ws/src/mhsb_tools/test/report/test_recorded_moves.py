@@ -51,10 +51,12 @@ def test_a_recording_without_hydraulic_states_says_so(run):
 
 
 def test_each_move_gets_its_page(run, tmp_path):
-    files = report_command.draw_moves(run, tmp_path)
-    assert [file.name for file in files] == [f"move_{k + 1}.png" for k in range(len(files))]
+    report_command.draw_moves(run, tmp_path)
+    files = list(tmp_path.iterdir())
+    count = len(cut_into_moves(run))
+    assert {file.name for file in files} == {f"move_{k + 1}.png" for k in range(count)}
     assert all(file.stat().st_size > 10_000 for file in files)
-    assert len(files) == len(cut_into_moves(run))
+    assert count > 0
 
 
 def test_a_recording_without_goals_has_no_moves(run):

@@ -177,6 +177,7 @@ def test_controllers_are_compared_by_the_worst_scenario(scenario: Scenario) -> N
 
 
 def test_figures_are_drawn(result: ScenarioResult, tmp_path: Path) -> None:
-    files = draw_study([result], tmp_path)
+    draw_study([result], tmp_path)
+    files = sorted(tmp_path.iterdir())
     assert [file.name for file in files] == ["overview.png", "short.png"]
     assert all(file.stat().st_size > 5_000 for file in files)
