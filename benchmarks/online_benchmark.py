@@ -28,7 +28,11 @@ from typing import Annotated, Any
 import tyro
 from benchmarks.message_watcher import MessageWatcher
 from benchmarks.planning_benchmark import dijkstra_figures
-from benchmarks.processor_load import restrict_to_one_processor, run_busy_loops
+from benchmarks.processor_load import (
+    read_resident_bytes,
+    restrict_to_one_processor,
+    run_busy_loops,
+)
 from benchmarks.replanning_figures import compute_replanning_figures
 from benchmarks.seeded_goals import SeededGoal, draw_reachable_goals
 from benchmarks.streaming_benchmark import lines as followable_lines
@@ -113,9 +117,9 @@ def measure(condition: LoadCondition, goals: Sequence[SeededGoal], name: str = "
             wait_for_planner_answer(watcher, executor)
             with run_busy_loops(condition.busy_loops):
                 watcher.forget()
-                before = sum(node.resident_bytes for node in nodes)
+                before = sum(read_resident_bytes(node.pid) for node in nodes)
                 _send(watcher, executor, goals, nodes, name)
-                growth = sum(node.resident_bytes for node in nodes) - before
+                growth = sum(read_resident_bytes(node.pid) for node in nodes) - before
         recording = watcher.decode_messages()
     return {
         **compute_replanning_figures(recording),

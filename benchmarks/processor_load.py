@@ -1,4 +1,4 @@
-"""Processor load for tests and benchmarks: busy loops, or one processor for all processes."""
+"""Load of processes for tests and benchmarks: busy loops, one processor for all, memory."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
 @contextmanager
@@ -44,3 +45,19 @@ def restrict_to_one_processor(is_active: bool = True) -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
+
+
+def read_resident_bytes(pid: int) -> int:
+    """Read the memory of a process in RAM from /proc.
+
+    Args:
+        pid: Number of the process.
+
+    Returns:
+        Size of the memory [bytes]; 0 if the process has ended.
+    """
+    try:
+        pages = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]
+    except (OSError, IndexError):
+        return 0
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")

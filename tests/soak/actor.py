@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from benchmarks.message_watcher import MessageWatcher
+from benchmarks.processor_load import read_resident_bytes
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
@@ -48,6 +49,29 @@ MEMORY_PERIOD = 1.0
 """Time between readings of memory [s]."""
 
 
+class LoggedProcess(ChildProcess):
+    """Child process whose whole output is written to a file, which is replaced if it exists."""
+
+    def __init__(self, log: Path, package: str, executable: str, *arguments: str) -> None:
+        """Start an executable.
+
+        Args:
+            log: File for the output.
+            package: Python package of the executable.
+            executable: Name of the executable.
+            arguments: Command-line arguments.
+        """
+        self._log = log
+        log.write_text("", encoding="utf-8")
+        super().__init__(package, executable, *arguments)
+
+    def keep_line(self, line: str) -> None:
+        """Write a line to the file, and keep it."""
+        with self._log.open("a", encoding="utf-8") as file:
+            file.write(line)
+        super().keep_line(line)
+
+
 class NodeProcess:
     """Process of a node while it runs."""
 
@@ -62,13 +86,13 @@ class NodeProcess:
         """
         self.node, self.number = node, number
         self.log = folder / f"{node}-{number}.log"
-        self.process = ChildProcess(*NODES[node][0], *ros_arguments(settings), log=self.log)
+        self.process = LoggedProcess(self.log, *NODES[node][0], *ros_arguments(settings))
         self.ready_ns = 0
         self.memory: list[tuple[int, int]] = []
 
     def read_memory(self) -> None:
         """Append the process's present memory to `memory`, if it can be read."""
-        if size := self.process.resident_bytes:
+        if size := read_resident_bytes(self.process.pid):
             self.memory.append((time.time_ns(), size))
 
     def end(self, signal_number: int | None) -> ProcessLife:

@@ -619,16 +619,6 @@ class Simulator:
         self._time_ns += self._step_ns
         self._servo.update_reference(self._time_ns)
 
-    def step_hydraulics(self) -> None:
-        """Run sensors, servo and circuit for one step while the arm does not move.
-
-        Time and reference do not advance, so each call has the same sensor noise. Divergence is not
-        detected.
-        """
-        self._control_valves()
-        self._push(True, self._first_substeps)
-        self._follow_pistons(self._last_substeps)
-
     def _control_valves(self) -> None:
         """Read the sensors and run the servo.
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
 import threading
 from collections import deque
-from contextlib import AbstractContextManager, nullcontext, suppress
-from pathlib import Path
+from contextlib import AbstractContextManager, suppress
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.process import signals_blocked
@@ -35,9 +33,7 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
         name: Name of the executable, used in error messages.
     """
 
-    def __init__(
-        self, package: str, executable: str, *arguments: str, log: Path | None = None
-    ) -> None:
+    def __init__(self, package: str, executable: str, *arguments: str) -> None:
         """Start an executable in the way `ros2 run PACKAGE EXECUTABLE ARGUMENTS` does.
 
         The child gets a new session, so Ctrl-C in the terminal does not reach it. The parent
@@ -48,11 +44,8 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
             package: Python package whose module `executables` has the entry point.
             executable: Name of the entry point in that module.
             arguments: Command-line arguments of the executable.
-            log: File that receives the whole output, replaced if it exists; None writes no file.
-                The last LAST_LINES lines are kept in memory in both cases.
         """
         self.name = executable
-        self._log = log
         with signals_blocked():
             self._process = subprocess.Popen(
                 [sys.executable, "-u", "-m", f"{package}.executables", executable, *arguments],
@@ -105,6 +98,11 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
         return found[0][found[0].index(text) :]
 
     @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
     def exit_code(self) -> int | None:
         """Exit code of the process; None while it runs, negative if a signal ended it."""
         return self._process.poll()
@@ -124,15 +122,6 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
             self._reader.join(1.0)
             last = self._lines[-1] if self._lines else "it printed nothing"
             raise ChildEndedError(f"{self.name} ended with exit code {code}: {last}")
-
-    @property
-    def resident_bytes(self) -> int:
-        """Memory of the process in RAM [bytes], read from /proc; 0 if the process has ended."""
-        try:
-            pages = Path(f"/proc/{self._process.pid}/statm").read_text(encoding="ascii").split()[1]
-        except (OSError, IndexError):
-            return 0
-        return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
     def end(self, signal_number: int = signal.SIGINT) -> int:
         """Send a signal to the process and wait until it has ended.
@@ -158,17 +147,20 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
     def _read(self) -> None:
         """Read the process's output until it is closed; runs in a separate thread.
 
-        Each line is written to the log file if there is one, and added to the kept last lines.
         After each line and at the end, threads that wait in `wait_for` are woken.
         """
         assert self._process.stdout is not None
-        with self._log.open("w", encoding="utf-8") if self._log else nullcontext() as log:
-            for line in self._process.stdout:
-                if log is not None:
-                    log.write(line)
-                    log.flush()
-                with self._output_changed:
-                    self._lines.append(line.rstrip())
-                    self._output_changed.notify_all()
+        for line in self._process.stdout:
+            self.keep_line(line)
         with self._output_changed:
+            self._output_changed.notify_all()
+
+    def keep_line(self, line: str) -> None:
+        """Add a line to the kept last lines, and wake threads that wait in `wait_for`.
+
+        Args:
+            line: Line of the process's output, with its line break.
+        """
+        with self._output_changed:
+            self._lines.append(line.rstrip())
             self._output_changed.notify_all()
