@@ -28,13 +28,12 @@ from mhsb_model.modes import Mode, find_strongest_modes
 from mhsb_model.types import FloatArray, Position
 from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_planar_bars
 from mhsb_tools.moves.move import MoveRecord
-from mhsb_tools.moves.move_page import draw_mode_bars, yield_mode_spans
+from mhsb_tools.moves.move_page import PER_MPA, draw_mode_bars, yield_mode_spans
 from mhsb_tools.moves.workspace_drawing import draw_obstacles, draw_workspace_axes
 
 ByteArray = npt.NDArray[np.uint8]
 
 FIGURE_SIZE = (8.0, 4.64)  # width, height [in]
-PER_MPA = 1e-6
 PALETTE_SIZE = 96
 """Number of colours in the palette that all frames share."""
 

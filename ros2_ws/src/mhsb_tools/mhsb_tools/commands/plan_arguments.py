@@ -32,9 +32,7 @@ from mhsb_planner.planners.registry import (
 )
 from mhsb_planner.search.s2_search import SearchMethod, Weights
 from mhsb_planner.search.s2_step import EnergyReading
-from mhsb_tools.moves.operating_point import Range
-
-Point = tuple[float, float]
+from mhsb_tools.moves.operating_point import Point, Range
 
 POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4, "m"), NumberRange(0.0, MAX_REGION_SIZE, "m")
 ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE, "rad")

@@ -31,6 +31,10 @@ STORAGE_ID = "mcap"
 SERIALIZATION_FORMAT = "cdr"
 SCHEMA_ENCODING = "ros2msg"
 MCAP_PROFILE = "ros2"
+CHUNK_SIZE = 32 * 1024
+"""Size after which a chunk is complete [bytes]; about a quarter of a second of the suite's topics.
+"""
+
 LONGEST_QOS = 64 * 1024
 """Characters of a topic's QoS text that are read; each publisher takes 400."""
 

@@ -13,11 +13,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from mhsb_tools.recording import bag_format
-from mhsb_tools.recording.bag_format import BagContents, BagError, BagTopic
-
-CHUNK_SIZE = 32 * 1024
-"""Size after which a chunk is complete [bytes]; about a quarter of a second of the suite's topics.
-"""
+from mhsb_tools.recording.bag_format import CHUNK_SIZE, BagContents, BagError, BagTopic
 
 
 class BagWriter(contextlib.AbstractContextManager["BagWriter"]):

@@ -19,7 +19,7 @@ from mcap import records
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.recording.bag_format import CHUNK_SIZE, BagError
 from mhsb_tools.recording.mcap_chunk import Chunk, ChunkHeader, compute_message_index, find_records
 from mhsb_tools.recording.mcap_records import (
     CHUNK_TIMES,
@@ -30,9 +30,6 @@ from mhsb_tools.recording.mcap_records import (
 )
 from mhsb_tools.recording.mcap_survey import Definitions
 from mhsb_tools.recording.mcap_walk import INDEX_HEAD_SIZE
-
-CHUNK_SIZE = 32 * 1024
-"""Size at which messages from outside chunks fill a new chunk [bytes]."""
 
 INDEX_IN_MEMORY = 4 * 1024 * 1024
 """Total size up to which chunk indexes are kept in memory [bytes]. Beyond it, all of them are kept

@@ -28,7 +28,12 @@ from mhsb_model.figure_style import (
 from mhsb_model.modes import BOOSTED_MODES, Mode, count_modules
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.online.settings import CONFIDENCE_SIGMAS, REACHED_TOLERANCE
-from mhsb_tools.moves.move_page import draw_labelled_mode_bars, yield_mode_spans
+from mhsb_tools.moves.move_page import (
+    PER_MM,
+    PER_MPA,
+    draw_labelled_mode_bars,
+    yield_mode_spans,
+)
 from mhsb_tools.report.recorded_goals import find_take_over_times
 from mhsb_tools.report.recorded_run import EvaluatedRecording
 
@@ -101,7 +106,6 @@ def get_mode_rows(run: EvaluatedRecording) -> tuple[FloatArray, ModeArray]:
     return to_seconds(run, time_ns), np.vstack([schedule.modes, schedule.modes[-1:]])
 
 
-PER_MM = 1e3
 LEAST_DISTANCE = 1e-2
 """Smallest distance on the logarithmic axis [mm]; smaller ones are drawn there."""
 
@@ -227,7 +231,6 @@ def compute_goal_distance(run: EvaluatedRecording) -> tuple[IntArray, FloatArray
     return run.tip.time_ns[sent], np.linalg.norm(away, axis=1)
 
 
-PER_MPA = 1e-6
 PRESSURE_HEADROOM = 1.15
 """Upper end of the pressure axis over the highest pressure [-]."""
 Planned = tuple[FloatArray, str, str, str]

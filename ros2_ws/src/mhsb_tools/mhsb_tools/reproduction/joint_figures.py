@@ -23,13 +23,11 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray
 from mhsb_planner.result_files import write_rows
-from mhsb_tools.moves.move_page import draw_labelled_mode_bars
+from mhsb_tools.moves.move_page import PER_KN, PER_MM, draw_labelled_mode_bars
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
 from mhsb_tools.reproduction.runs import Runs
 
 FIGURE_WIDTH, ROW_HEIGHT = 10.0, 3.6  # in
-PER_MM = 1e3
-PER_KN = 1e-3
 FORCE_POINTS = 400
 """Number of forces at which valve limits are drawn."""
 

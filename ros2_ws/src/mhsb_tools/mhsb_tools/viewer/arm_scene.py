@@ -25,6 +25,7 @@ LOAD_RADIUS = 0.05  # m
 LINK_WIDTH = 0.036  # m, across the arm's plane
 FOOT_SIZE = (0.4, 0.32, 0.04)  # m
 COLUMN_HEIGHT = 1.2  # m, foot included
+FRAME_PERIOD = 0.05  # s
 PLANE_FRAME = "/arm/plane"
 """Frame of the arm's plane; its origin is the first joint that moves in the plane."""
 

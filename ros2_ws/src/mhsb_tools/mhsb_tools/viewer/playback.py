@@ -17,18 +17,14 @@ from mhsb_msgs_py import names
 from mhsb_planner.ros import views
 from mhsb_tools.recording.recording import Recording, check_order
 from mhsb_tools.viewer.ability_scene import PolytopeScene
-from mhsb_tools.viewer.arm_scene import ArmScene
+from mhsb_tools.viewer.arm_scene import FRAME_PERIOD, ArmScene
 from mhsb_tools.viewer.energy_flow import compute_powers, integrate_power
 from mhsb_tools.viewer.marker_scene import MarkerScene
 from mhsb_tools.viewer.panel import SentenceList, describe_report
-from mhsb_tools.viewer.plots import NO_NUMBERS, Plots, SnapshotColumns
+from mhsb_tools.viewer.plots import NO_NUMBERS, PLOT_SPAN, Plots, SnapshotColumns
 
-FRAME_PERIOD = 0.05  # s
 PLOT_PERIOD = 0.25  # s
 """Change of the shown time after which plots are drawn again [s]."""
-
-PLOT_SPAN = 30.0
-"""Time before the present one that plots show [s]."""
 
 PLOT_STEP = 0.1
 """Time between two points of a plot [s]."""

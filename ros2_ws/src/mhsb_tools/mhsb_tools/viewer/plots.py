@@ -22,6 +22,9 @@ from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_tools.viewer import energy_flow
 
+PLOT_SPAN = 30.0
+"""Time before the present one that plots show [s]."""
+
 NO_NUMBERS = np.full(4, np.nan)
 """Energies that are all unknown."""
 

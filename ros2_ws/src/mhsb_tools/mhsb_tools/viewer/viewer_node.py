@@ -44,18 +44,14 @@ from mhsb_tools.viewer.ability_scene import (
     RegionScene,
     compute_boost_regions,
 )
-from mhsb_tools.viewer.arm_scene import ArmScene
+from mhsb_tools.viewer.arm_scene import FRAME_PERIOD, ArmScene
 from mhsb_tools.viewer.energy_flow import EnergyCounter
 from mhsb_tools.viewer.marker_scene import MarkerScene
 from mhsb_tools.viewer.panel import Panel, describe_report, make_initial_goal
-from mhsb_tools.viewer.plots import ArmSnapshot, Plots, SnapshotHistory
+from mhsb_tools.viewer.plots import PLOT_SPAN, ArmSnapshot, Plots, SnapshotHistory
 
-FRAME_PERIOD = 0.05  # s
 FRAMES_PER_PLOT = 5
 """Number of frames after which plots, state and polytope are drawn again."""
-
-PLOT_SPAN = 30.0
-"""Time before the present one that plots show [s]."""
 
 STREAM_TOPICS = (topics.JOINT_STATES, topics.ACTUATOR_STATES)
 """Topics that are subscribed to only while a browser is open.
