@@ -66,13 +66,11 @@ def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
             rod_end = np.array([joints[j + 1, 0], LINKAGE_OFFSET, joints[j + 1, 1]])
             length = joint.linkage.retracted_length + q[j]
             parent_pin = rod_end - _rotate_in_plane(length, 0.0, angle[j])
-            bars.append(Bar(parent_pin, rod_end, size * ROD_RADIUS, ROD_PAINT))
-            bars.append(_build_barrel(machine, j, parent_pin, rod_end))
-            continue
-        parent_pin = _compute_pin_position(joints[j], angle[j], joint.linkage.parent_pin)
-        rod_end = child_pin = _compute_pin_position(
-            joints[j], angle[j + 1], joint.linkage.child_pin
-        )
+        else:
+            parent_pin = _compute_pin_position(joints[j], angle[j], joint.linkage.parent_pin)
+            rod_end = child_pin = _compute_pin_position(
+                joints[j], angle[j + 1], joint.linkage.child_pin
+            )
         if isinstance(joint.linkage, FourBar):
             pivot = _compute_pin_position(joints[j], angle[j], joint.linkage.rocker_pivot)
             x, z, *_ = four_bar.evaluate_four_bar(

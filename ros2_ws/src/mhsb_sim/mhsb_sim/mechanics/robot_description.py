@@ -66,11 +66,11 @@ def build_robot_description(machine: Machine) -> str:
         parent, at = child, joint.link.length
     mass, point = machine.config.payload.mass, SMALLEST_INERTIA
     SubElement(robot, "link", name="tip").append(_build_inertial(mass, 0.0, point, point))
-    _add_fixed(robot, "tip_mount", parent, "tip", f"{at:.9g} 0 0", "0 0 0")
+    _connect_links(robot, "tip_mount", "fixed", parent, "tip", at)
     SubElement(robot, "link", name="work_plane")
     plane, at = ("link_1", machine.arrays.slew_offset) if machine.slews else ("base_link", 0.0)
     flat = f"{math.pi / 2} 0 0"
-    _add_fixed(robot, "work_plane_mount", plane, "work_plane", f"{at:.9g} 0 0", flat)
+    _connect_links(robot, "work_plane_mount", "fixed", plane, "work_plane", at, flat)
     indent(robot)
     return tostring(robot, encoding="unicode", xml_declaration=True)
 
@@ -152,10 +152,7 @@ def _add_joint(
     a, own = machine.arrays, machine.config.joints[index].kind
     kind = "prismatic" if own == "prismatic" else "revolute"
     axis = {"revolute": "0 -1 0", "prismatic": "1 0 0", "slew": "0 0 1"}[own]
-    joint = SubElement(robot, "joint", name=machine.joint_names[index], type=kind)
-    SubElement(joint, "origin", xyz=f"{offset:.9g} 0 0", rpy="0 0 0")
-    SubElement(joint, "parent", link=parent)
-    SubElement(joint, "child", link=child)
+    joint = _connect_links(robot, machine.joint_names[index], kind, parent, child, offset)
     SubElement(joint, "axis", xyz=axis)
     area = max(a.cap_area[index], a.rod_area[index])
     limits = {
@@ -167,20 +164,31 @@ def _add_joint(
     SubElement(joint, "limit", {name: f"{value:.9g}" for name, value in limits.items()})
 
 
-def _add_fixed(
-    robot: Element, name: str, parent: str, child: str, position: str, angles: str
-) -> None:
-    """Add a fixed joint between two links.
+def _connect_links(
+    robot: Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    offset: float,
+    angles: str = "0 0 0",
+) -> Element:
+    """Add a joint between two links.
 
     Args:
         robot: Root element, changed in place.
         name: Name of the joint.
+        kind: Type of the joint in URDF.
         parent: Name of the parent link.
         child: Name of the child link.
-        position: Position "x y z" in the parent [m].
+        offset: Distance of the joint along the parent's x axis [m].
         angles: Orientation "roll pitch yaw" in the parent [rad].
+
+    Returns:
+        Element of the joint, without axis and limits.
     """
-    joint = SubElement(robot, "joint", name=name, type="fixed")
-    SubElement(joint, "origin", xyz=position, rpy=angles)
+    joint = SubElement(robot, "joint", name=name, type=kind)
+    SubElement(joint, "origin", xyz=f"{offset:.9g} 0 0", rpy=angles)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
+    return joint

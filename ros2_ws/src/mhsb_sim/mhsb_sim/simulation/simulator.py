@@ -84,6 +84,7 @@ class Simulator:
         machine: Machine that servo, supervision and plan receiver assume.
         plant: Machine that is simulated.
         controller_name: Name of the servo controller.
+        step_ns: Length of a step [ns].
         guard: Mode guard, which boosts actuators and slows the plan; a new one after a reset.
     """
 
@@ -137,7 +138,7 @@ class Simulator:
             self._learnt = read_estimates_file(estimates_file, machine)
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
-        self._step_ns = round(settings.step * SECOND_NS)
+        self.step_ns = round(settings.step * SECOND_NS)
         rate = self.plant.config.imperfections.sensors.rate
         self._sensor_steps = max(round(1.0 / (rate * settings.step)), 1) if rate else 1
         self._substeps = self.plant.config.simulation.circuit_substeps
@@ -201,7 +202,7 @@ class Simulator:
         self._pistons = np.empty((4, n))
         joints = linkage, position, velocity, np.full(1, 0.5 * self._model.opt.timestep)
         servo, circuit = self._servo_circuit, self._circuit
-        late = round(self.plant.config.imperfections.computing_delay * SECOND_NS / self._step_ns)
+        late = round(self.plant.config.imperfections.computing_delay * SECOND_NS / self.step_ns)
         rows = np.zeros((1 + late, 2 * (n + len(circuit.modules))))
         rows[:, n : 2 * n] = servo.actuators["join"]
         queue = CommandQueue(rows, np.zeros(1, dtype=np.int64))
@@ -226,7 +227,7 @@ class Simulator:
     @property
     def _sensor_period(self) -> float:
         """Time from one reading of the sensors to the next [s]."""
-        return self._sensor_steps * self._step_ns / SECOND_NS
+        return self._sensor_steps * self.step_ns / SECOND_NS
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
         """Build the sensors and the servo, open the valves, and hold a posture.
@@ -279,11 +280,6 @@ class Simulator:
         """Set the delay that speed scaling has caused to 0 if the last plan has ended."""
         if self._reference.has_ended:
             self._reference.speed_scaling["delay"] = 0.0
-
-    @property
-    def step_ns(self) -> int:
-        """Length of a step [ns]."""
-        return self._step_ns
 
     @property
     def payload(self) -> float:
@@ -592,7 +588,7 @@ class Simulator:
         Raises:
             SimulationDivergedError: The state is no longer finite, or far too large.
         """
-        for _ in range(round(duration * SECOND_NS / self._step_ns)):
+        for _ in range(round(duration * SECOND_NS / self.step_ns)):
             self.step()
 
     def step(self) -> None:
@@ -605,7 +601,7 @@ class Simulator:
             SimulationDivergedError: The state is no longer finite, or far too large.
         """
         if self._sag is not None:
-            time = self._steps * self._step_ns / SECOND_NS
+            time = self._steps * self.step_ns / SECOND_NS
             pressure = compute_sag_pressure(self.plant.arrays.supply_pressure, self._sag, time)
             self._circuit.constants["supply_pressure"] = min(pressure, self._kept_pressure)
         self._control_valves()
@@ -616,7 +612,7 @@ class Simulator:
             mujoco.mj_step2(self._model, self._data)
             self._follow_pistons(self._last_substeps)
         self._steps += 1
-        self._time_ns += self._step_ns
+        self._time_ns += self.step_ns
         self._servo.update_reference(self._time_ns)
 
     def _control_valves(self) -> None:

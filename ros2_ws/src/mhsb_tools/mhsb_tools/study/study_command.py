@@ -29,7 +29,6 @@ from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.executor import Jobs
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
-from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_tools.study.draw_limits import as_text as draws_as_text
 from mhsb_tools.study.draws import GOAL_COUNT, DrawRecord, DrawStudy, run_draws
@@ -248,8 +247,7 @@ def study_scenarios(
             f"scenarios compare {' and '.join(COMPARED_CONTROLLERS)}, which read pressures that "
             f"{arm.name} does not measure; --draws studies {default_controller(arm)}"
         )
-    make_output_folder(output, "the study")
-    compile_simulator()  # so that the processes find compiled kernels
+    _prepare_processes(arm, output)
     bar = tqdm(run_study(arm, wanted, workers), total=len(wanted), unit="scenario", disable=None)
     order = {scenario.name: number for number, scenario in enumerate(wanted)}
     results = sorted(bar, key=lambda result: order[result.scenario.name])
