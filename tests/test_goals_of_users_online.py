@@ -35,7 +35,7 @@ def test_a_region_is_reached_and_points_on_the_way_are_passed(arm):
     set_at_planner(arm, goal_tolerance=0.03)
     verdict = arm.request_verdict(*NEAR)
     assert verdict.code is Verdict.OK, verdict.sentence
-    assert (verdict.goal_x, verdict.goal_z) == NEAR
+    assert verdict.goal.position == NEAR
     ending = arm.ending_of(verdict)
     assert ending.outcome is Outcome.REACHED
     assert "mm from the goal's region" in ending.sentence

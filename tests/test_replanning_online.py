@@ -79,7 +79,7 @@ def test_refused_goals_leave_the_motion_as_it_is(arm):
 def test_a_goal_on_the_work_plane_is_the_same_goal_laid_flat(arm):
     verdict = arm.ask_message(goal_message(21, frame="work_plane", point=(0.6, 0.1, 0.0)))
     assert verdict.code is Verdict.OK
-    assert (verdict.goal_x, verdict.goal_z) == (0.6, 0.1)
+    assert verdict.goal.position == (0.6, 0.1)
     arm.ending_of(verdict)
     arm.until(lambda: arm.in_force_ns == 0 and not arm.references[-1].state.velocity.any())
     again = arm.request_verdict(0.6, 0.1)

@@ -83,9 +83,9 @@ def events(machine: Machine) -> Events:
         schedules=(),
         goals=(heard(10.4, Goal(1, 0.5, 0.1)), heard(42.0, Goal(2, 0.5, 0.1))),
         reports=(
-            heard(10.5, GoalVerdict(Verdict.OK, "it goes", 1, 0.5, 0.1, plan)),
+            heard(10.5, GoalVerdict(Verdict.OK, "it goes", Goal(1, 0.5, 0.1), plan)),
             heard(15.2, ExecutionReport(Outcome.REACHED, "there", 1, path.stamp_ns)),
-            heard(42.1, GoalVerdict(Verdict.FAULT, "the pump fails", 2, 0.5, 0.1)),
+            heard(42.1, GoalVerdict(Verdict.FAULT, "the pump fails", Goal(2, 0.5, 0.1))),
         ),
         hand_overs=(
             heard(10.5, HandOverReport(HandOverOutcome.APPLIED, "well", path.stamp_ns, 0.0, 0.0)),

@@ -134,45 +134,19 @@ class GoalVerdict:
     Attributes:
         code: The verdict.
         sentence: Explanation for a person.
-        goal_stamp_ns: Stamp of the goal, which identifies it [ns].
-        goal_x: Forward coordinate of the goal in `base_link` [m].
-        goal_z: Upward coordinate of the goal [m].
+        goal: The goal that it answers.
         plan: Numbers of the plan; None if the goal was not accepted.
-        goal_y: Coordinate to the left, for arms that slew [m]; None for others.
     """
 
     code: Verdict
     sentence: str
-    goal_stamp_ns: int
-    goal_x: float
-    goal_z: float
+    goal: Goal
     plan: PlanSummary | None = None
-    goal_y: float | None = None
-
-    @classmethod
-    def of(
-        cls, goal: Goal, code: Verdict, sentence: str, plan: PlanSummary | None = None
-    ) -> GoalVerdict:
-        """Make the verdict on a goal.
-
-        Args:
-            goal: The goal; its stamp and position are copied.
-            code: The verdict.
-            sentence: Explanation for a person.
-            plan: Numbers of the plan; None if the goal is not accepted.
-
-        Returns:
-            The verdict.
-
-        Raises:
-            ValueError: The verdict accepts the goal but there is no plan, or the reverse.
-        """
-        return cls(code, sentence, goal.stamp_ns, goal.x, goal.z, plan, goal.y)
 
     @property
-    def goal(self) -> Goal:
-        """The goal that this verdict answers."""
-        return Goal(self.goal_stamp_ns, self.goal_x, self.goal_z, self.goal_y)
+    def goal_stamp_ns(self) -> int:
+        """Stamp of the goal, which identifies it [ns]."""
+        return self.goal.stamp_ns
 
     def __post_init__(self) -> None:
         """Check that a verdict has a plan exactly if it accepts its goal.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
+from mhsb_model.goal import Goal
 from mhsb_model.verdict import (
     ExecutionReport,
     GoalVerdict,
@@ -70,11 +71,11 @@ def _encode_verdict(verdict: GoalVerdict) -> DiagnosticStatus:
     values = {
         "code": verdict.code.value,
         "goal_stamp": stamps.to_text(verdict.goal_stamp_ns),
-        "goal_x": repr(float(verdict.goal_x)),
-        "goal_z": repr(float(verdict.goal_z)),
+        "goal_x": repr(float(verdict.goal.x)),
+        "goal_z": repr(float(verdict.goal.z)),
     }
-    if verdict.goal_y is not None:
-        values["goal_y"] = repr(float(verdict.goal_y))
+    if verdict.goal.y is not None:
+        values["goal_y"] = repr(float(verdict.goal.y))
     if verdict.plan is not None:
         plan = verdict.plan
         values |= {
@@ -134,15 +135,14 @@ def _decode_status(message: DiagnosticStatus) -> Report:
     values = StatusValues(message)
     if message.name == GOAL_STATUS:
         code = values.choice("code", Verdict)
-        return GoalVerdict(
-            code,
-            message.message,
+        goal = Goal(
             values.time("goal_stamp"),
             values.number("goal_x"),
             values.number("goal_z"),
-            _decode_plan_summary(values) if code.accepted else None,
             values.number("goal_y") if values.has("goal_y") else None,
         )
+        plan = _decode_plan_summary(values) if code.accepted else None
+        return GoalVerdict(code, message.message, goal, plan)
     if message.name == EXECUTION_STATUS:
         return ExecutionReport(
             values.choice("code", Outcome),

@@ -67,7 +67,7 @@ def codecs() -> dict[str, Codec]:
     )
     schedule = ModeSchedule(STAMP_NS, [0, 40_000_000, 90_000_000], [[0, 1, 2], [0, 0, 1], [0] * 3])
     plan = PlanSummary(STAMP_NS, 100.0, 90.0, 4.0, 2, 40.0, 50.0, 60.0, True)
-    accepted = GoalVerdict(Verdict.OK, "the tip goes", STAMP_NS, 0.5, 0.1, plan)
+    accepted = GoalVerdict(Verdict.OK, "the tip goes", Goal(STAMP_NS, 0.5, 0.1), plan)
     ended = ExecutionReport(Outcome.ABORTED, "too late", STAMP_NS, STAMP_NS, 3, 900.0)
     state = MotionState(*rows(3))
     refused = HandOverReport(HandOverOutcome.REFUSED, "it came too late", STAMP_NS)

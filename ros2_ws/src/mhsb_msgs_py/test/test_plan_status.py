@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
+from mhsb_model.goal import Goal
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import plan_status as codec
 from mhsb_msgs_py.errors import MessageError
@@ -39,7 +40,9 @@ def over_the_wire(message: DiagnosticArray) -> DiagnosticArray:
 
 @given(st.sampled_from(Verdict), sentences, stamp, number, number, st.none() | number, plans)
 def test_a_verdict_comes_back_from_the_wire_unchanged(code, sentence, goal, x, z, y, plan):
-    verdict = codec.GoalVerdict(code, sentence, goal, x, z, plan if code.accepted else None, y)
+    verdict = codec.GoalVerdict(
+        code, sentence, Goal(goal, x, z, y), plan if code.accepted else None
+    )
     assert codec.decode(over_the_wire(codec.encode(verdict, 5))) == [verdict]
 
 
@@ -62,7 +65,7 @@ def test_an_execution_report_comes_back_from_the_wire_unchanged(report):
 def test_an_accepted_goal_reads_as_the_contract_says():
     costs = 593.5, 470.25, 8.0, 3, 21.5, 300.0, 45.5
     plan = codec.PlanSummary(12_000_000_005, *costs, cavitation_s=0.25)
-    verdict = codec.GoalVerdict(Verdict.OK, "planned", 7_000_000_000, 0.55, -0.6, plan)
+    verdict = codec.GoalVerdict(Verdict.OK, "planned", Goal(7_000_000_000, 0.55, -0.6), plan)
     message = codec.encode(verdict, 1_500_000_000)
     assert message.header.stamp.nanosec == 500_000_000
     [status] = message.status
@@ -94,7 +97,7 @@ def test_an_accepted_goal_reads_as_the_contract_says():
     ],
 )
 def test_a_goal_that_is_not_accepted_has_its_level_and_no_plan(code, level):
-    [status] = codec.encode(codec.GoalVerdict(code, "no", 0, math.nan, 0.0), 0).status
+    [status] = codec.encode(codec.GoalVerdict(code, "no", Goal(0, math.nan, 0.0)), 0).status
     assert status.level == level
     assert [item.key for item in status.values] == ["code", "goal_stamp", "goal_x", "goal_z"]
 
@@ -118,11 +121,11 @@ def test_the_ending_of_an_execution_reads_as_the_contract_says():
 @pytest.mark.parametrize("code", [Verdict.OK, Verdict.AT_GOAL])
 def test_an_accepted_goal_without_a_plan_cannot_be_made(code):
     with pytest.raises(ValueError, match="do not go together"):
-        codec.GoalVerdict(code, "planned", 0, 0.5, 0.5)
+        codec.GoalVerdict(code, "planned", Goal(0, 0.5, 0.5))
 
 
 def refused() -> DiagnosticStatus:
-    verdict = codec.GoalVerdict(Verdict.ZONE, "in a zone", 0, 0.5, 0.5)
+    verdict = codec.GoalVerdict(Verdict.ZONE, "in a zone", Goal(0, 0.5, 0.5))
     return codec.encode(verdict, 0).status[0]
 
 

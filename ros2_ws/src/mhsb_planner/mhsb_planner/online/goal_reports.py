@@ -110,7 +110,7 @@ def compose_at_goal_verdict(goal: Goal, plan_ms: float) -> GoalVerdict:
     """
     sentence = f"the tip is at {goal.position_text} already"
     nothing = PlanSummary(0, 0.0, 0.0, 0.0, 0, plan_ms, 0.0)
-    return GoalVerdict.of(goal, Verdict.AT_GOAL, sentence, nothing)
+    return GoalVerdict(Verdict.AT_GOAL, sentence, goal, nothing)
 
 
 class GoalReports:
@@ -147,7 +147,7 @@ class GoalReports:
             plan: Stamp, energies [J], duration [s] and planning times [ms] of the goal's plan.
         """
         pending_goal.has_verdict = True
-        self._report(pending_goal, GoalVerdict.of(pending_goal.goal, Verdict.OK, sentence, plan))
+        self._report(pending_goal, GoalVerdict(Verdict.OK, sentence, pending_goal.goal, plan))
 
     def report_at_goal(self, pending_goal: PendingGoal) -> None:
         """End a goal because the tip is at the goal already.
@@ -188,7 +188,7 @@ class GoalReports:
                 (`REPLACED`).
         """
         sentence = NEWER_GOAL_SENT if pending_goal.has_verdict else NEWER_GOAL
-        self.end(pending_goal, GoalVerdict.of(pending_goal.goal, Verdict.SUPERSEDED, sentence))
+        self.end(pending_goal, GoalVerdict(Verdict.SUPERSEDED, sentence, pending_goal.goal))
 
     def report_end(
         self,

@@ -215,7 +215,7 @@ class LifecycleState:
             code: Code of the verdict.
             sentence: Reason why the goal ends.
         """
-        self.reports.end(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence))
+        self.reports.end(pending_goal, GoalVerdict(code, sentence, pending_goal.goal))
         self.withdraw(pending_goal)
         if pending_goal in self.unconfirmed_goals:
             self.revoke()

@@ -264,12 +264,12 @@ class PlannerNode(Node):
         try:
             goal = self._decode_goal(message)
         except GoalError as error:
-            self._outbox.report(GoalVerdict.of(error.goal, error.code, str(error)))
+            self._outbox.report(GoalVerdict(error.code, str(error), error.goal))
         except MessageError as error:
-            self._outbox.report(GoalVerdict(Verdict.INTERNAL, str(error), 0, 0.0, 0.0))
+            self._outbox.report(GoalVerdict(Verdict.INTERNAL, str(error), Goal(0, 0.0, 0.0)))
         except Exception as error:
             sentence = self.faults.record_fault(f"the topic {topics.GOAL_POSE.name}", error)
-            self._outbox.report(GoalVerdict(Verdict.INTERNAL, sentence, 0, 0.0, 0.0))
+            self._outbox.report(GoalVerdict(Verdict.INTERNAL, sentence, Goal(0, 0.0, 0.0)))
         else:
             sent_at, received_at = self._find_message_times(info)
             self._lifecycle.add_goal(goal, received_at, sent_at)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from mhsb_model.goal import Goal
 from mhsb_model.verdict import GoalVerdict, PlanSummary, Verdict
 from mhsb_planner.ros import goal_command
 
@@ -27,9 +28,10 @@ class Sender:
     def request_verdict(self, executor, place, timeout):
         assert timeout > 0.0
         self.asked += 1
+        goal = Goal.at(self.asked, place)
         if self.asked <= self.unknown:
-            return GoalVerdict(Verdict.NO_STATE, "no arm was heard", self.asked, *place)
-        return GoalVerdict(Verdict.OK, "planned", self.asked, *place, PLAN)
+            return GoalVerdict(Verdict.NO_STATE, "no arm was heard", goal)
+        return GoalVerdict(Verdict.OK, "planned", goal, PLAN)
 
 
 def send(sender, timeout):

@@ -9,6 +9,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from tests.support.messages import encode_schedule, encode_trajectory
 
+from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.verdict import Outcome, Verdict
@@ -47,7 +48,7 @@ MOVE = Trajectory(
     ACCELERATION[:3],
 )
 SCHEDULE = ModeSchedule(40 * PERIOD, np.array([0, 5]), np.array([[2, 0], [0, 0]]))
-VERDICT = plan_status.GoalVerdict(Verdict.ZONE, "in a zone", 7, 0.5, 0.25)
+VERDICT = plan_status.GoalVerdict(Verdict.ZONE, "in a zone", Goal(7, 0.5, 0.25))
 HAND_OVER = sim_status.HandOverReport("applied", "it continues", 40 * PERIOD, 1e-9, 2e-9)
 SIMULATOR = sim_status.SimulatorReport("running", False, 50 * PERIOD, 2.0, 30.0, 4.0)
 REPORT = plan_status.ExecutionReport(Outcome.REACHED, "there", 7, 40 * PERIOD)

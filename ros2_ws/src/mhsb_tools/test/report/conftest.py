@@ -210,9 +210,8 @@ def write_goals(bag: StoryBag, machine: Machine) -> None:
         bag.put(topics.GOAL_POSE, time - 0.05, goal_pose.encode(goal))
         stamp_ns = ns(time) if code is Verdict.OK else 0
         cost = plan_status.PlanSummary(stamp_ns, 100.0, 90.0, 4.0, 2, plan_ms or 0.0, 50.0)
-        verdict = plan_status.GoalVerdict(
-            code, "a sentence", goal.stamp_ns, goal.x, goal.z, cost if code.accepted else None
-        )
+        plan = cost if code.accepted else None
+        verdict = plan_status.GoalVerdict(code, "a sentence", goal, plan)
         bag.put(topics.PLAN_STATUS, time, plan_status.encode(verdict, ns(time)))
         if outcome is not None:
             report = plan_status.ExecutionReport(outcome, "a sentence", goal.stamp_ns, stamp_ns)

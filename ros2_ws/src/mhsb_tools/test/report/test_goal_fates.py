@@ -34,7 +34,7 @@ def plan_of(stamp_ns: int, continued: bool = False) -> PlanSummary:
 
 
 def verdict(number: int, code: Verdict, plan: PlanSummary | None = None) -> GoalVerdict:
-    return GoalVerdict(code, "a sentence", number, 0.5, 0.1, plan)
+    return GoalVerdict(code, "a sentence", goal(number), plan)
 
 
 def ended(number: int, outcome: Outcome, stamp_ns: int, **more: object) -> ExecutionReport:

@@ -19,8 +19,8 @@ def test_a_move_lasts_from_its_take_over_to_the_next_or_to_its_rest(run):
     for move, begin, end in zip(moves[:-1], taken_over, taken_over[1:], strict=False):
         assert move.duration <= (end - begin) / 1e9 + 1e-9
     for move, goal in zip(moves, [each for each in run.goals if each.taken_over_ns], strict=True):
-        assert move.goals == ((goal.verdict.goal_x, goal.verdict.goal_z),)
-        assert f"({goal.verdict.goal_x:.4g}, {goal.verdict.goal_z:.4g}) m" in move.title
+        assert move.goals == (goal.verdict.goal.position,)
+        assert f"({goal.verdict.goal.x:.4g}, {goal.verdict.goal.z:.4g}) m" in move.title
 
 
 def test_a_move_has_what_was_recorded_at_its_instants(run):
