@@ -258,8 +258,8 @@ class Planner:
         """Compile code before the first plan in this process, and postpone a deadline by this time.
 
         Without a deadline, only kernels for plans from rest are compiled. With a deadline, all
-        kernels are compiled and loaded. Each is done once for each path planner, on arms with a slew
-        and on arms without.
+        kernels are compiled and loaded. Each is done once for each path planner, on arms with a
+        slew and on arms without.
 
         Args:
             kind: Name of the path planner.
