@@ -9,19 +9,20 @@ import sys
 from pathlib import Path
 
 from mhsb_model import MotionState, load_machine
-from mhsb_planner import Planner, load_or_build_table
-from mhsb_tools import plot_plan
+from mhsb_planner import Planner
+from mhsb_tools import compute_single_supply, plot_plan
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples")
 folder.mkdir(parents=True, exist_ok=True)
 
 machine = load_machine()  # the three-joint arm of the paper; or load_machine("excavator")
-planner = Planner(machine, load_or_build_table(machine))
+planner = Planner(machine)
 
 start = MotionState.at_rest(machine.config.simulation.start_posture)  # joint angles [rad]
 plan = planner.plan((0.55, 0.60), start)  # tip position x, z [m]
 
 print(plan)
+print(f"compare:  {compute_single_supply(machine, plan.motion.trajectory)}")
 print(f"joint angles at the end: {plan.motion.trajectory.position[-1].round(3)} rad")
 plan.to_csv(folder / "move.csv")
 plot_plan(plan, folder / "move.png")

@@ -7,14 +7,14 @@ in the same way for all.
 """
 
 from mhsb_model import MotionState, load_machine
-from mhsb_planner import Planner, PlanOptions, Weights, load_or_build_table
+from mhsb_planner import Planner, PlanOptions, Weights
 from mhsb_planner.planners.registry import REGISTERED_PLANNERS
 
 GOAL = (0.55, 0.60)
 OBJECTIVES = {"energy": Weights(0.5, 0.0, 2.0), "time": Weights(0.0, 15.0, 2.0)}
 
 machine = load_machine()
-planner = Planner(machine, load_or_build_table(machine))
+planner = Planner(machine)
 start = MotionState.at_rest(machine.config.simulation.start_posture)
 
 print(

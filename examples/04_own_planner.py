@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mhsb_model import MotionState, load_machine
-from mhsb_planner import Planner, PlanOptions, load_or_build_table
+from mhsb_planner import Planner, PlanOptions
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
@@ -53,7 +53,7 @@ class StraightPlanner(PathPlanner):
 
 REGISTERED_PLANNERS[StraightPlanner.name] = StraightPlanner()
 machine = load_machine()
-planner = Planner(machine, load_or_build_table(machine))
+planner = Planner(machine)
 start = MotionState.at_rest(machine.config.simulation.start_posture)
 for name in ("straight", "integrated"):
     print(name, repr(planner.plan((0.55, 0.30), start, options=PlanOptions(planner=name))))

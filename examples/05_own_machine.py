@@ -12,7 +12,7 @@ from pathlib import Path
 import yaml
 
 from mhsb_model import MhsbError, MotionState, find_config_file, load_machine
-from mhsb_planner import Planner, load_or_build_table
+from mhsb_planner import Planner
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples")
 folder.mkdir(parents=True, exist_ok=True)
@@ -28,7 +28,7 @@ machine = load_machine(file)  # every problem of a file is named with its path
 for name in ("mhsb_arm3.yaml", file):
     arm = load_machine(find_config_file(name) if isinstance(name, str) else name)
     start = MotionState.at_rest(arm.config.simulation.start_posture)
-    plan = Planner(arm, load_or_build_table(arm)).plan((0.55, 0.60), start)
+    plan = Planner(arm).plan((0.55, 0.60), start)
     print(f"{arm.name}, {arm.arrays.payload:g} kg: {plan!r}")
 
 try:

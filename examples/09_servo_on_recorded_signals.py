@@ -12,14 +12,14 @@ from mhsb_control.controller import ServoSignals
 from mhsb_control.servo_loop import ServoLoop
 from mhsb_model import MotionState
 from mhsb_model.circuit.components import describe_components
-from mhsb_planner import Planner, load_or_build_table
+from mhsb_planner import Planner
 from mhsb_sim import Simulator
 
 TRUE_PAYLOAD = 12.5  # [kg]
 
 machine = load_machine()
 start = MotionState.at_rest(machine.config.simulation.start_posture)
-plan = Planner(machine, load_or_build_table(machine)).plan((0.55, 0.60), start)
+plan = Planner(machine).plan((0.55, 0.60), start)
 trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
 
 simulator = Simulator(machine, "coordinated")

@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 
 from mhsb_model import MhsbError, MotionState, load_machine
-from mhsb_planner import Planner, load_or_build_table
+from mhsb_planner import Planner
 from mhsb_planner.executor import SharedStateExecutor
 from mhsb_planner.result_files import write_rows
 
@@ -22,7 +22,7 @@ PRESSURES = (3e6, 4e6, 5e6, 6e6)  # of the main pump [Pa]
 def make_planner():
     """Make the planner of a process."""
     machine = load_machine()
-    return machine, Planner(machine, load_or_build_table(machine))
+    return machine, Planner(machine)
 
 
 def plan_move(state, payload, pressure):

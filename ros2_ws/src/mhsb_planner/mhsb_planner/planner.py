@@ -1,7 +1,7 @@
 """Planner: from a state of motion to a goal in one call.
 
     machine = load_machine()
-    planner = Planner(machine, build_posture_table(machine))
+    planner = Planner(machine)
     plan = planner.plan((0.55, 0.60), MotionState.at_rest(posture))
     sooner = planner.plan((0.55, 0.60), state, deadline=Deadline.after(0.05))
 
@@ -53,6 +53,7 @@ from mhsb_planner.planning.remarks import (
     describe_overload,
     describe_start_problems,
 )
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import goal_clearance, manipulability_loss, s2_step
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -102,13 +103,17 @@ class Planner:
             when the machine changes.
     """
 
-    def __init__(self, machine: Machine, table: PostureTable) -> None:
+    def __init__(self, machine: Machine, table: PostureTable | None = None) -> None:
         """Store machine and table, and build the graph of steps between the table's postures.
 
         Args:
             machine: The whole arm.
-            table: Posture table of the arm's plane.
+            table: Posture table of the arm's plane. None loads it from the user's cache, or builds
+                it and writes it there; before that, code for the default planner is compiled.
         """
+        if table is None:
+            self._compile_for_rest(machine, DEFAULT_PLANNER)
+            table = load_or_build_table(machine)
         self._table, self._max_modules = table, machine.arrays.module_count
         self.machine = machine
         """Machine for which plans are made."""
@@ -275,10 +280,20 @@ class Planner:
         if hurried:
             warm_up(self, [kind])
         else:
-            has_obstacles = bool(self.machine.obstacles.names)
-            compile_planner(parts=list_parts_for_rest(kind, has_obstacles=has_obstacles))
-            _compiled.add((kind, self.machine.slews, False))
+            self._compile_for_rest(self.machine, kind)
         return deadline.earlier_by(began - time.monotonic())
+
+    @staticmethod
+    def _compile_for_rest(machine: Machine, kind: str) -> None:
+        """Compile code that plans from rest need, and note this in `_compiled`.
+
+        Args:
+            machine: The whole arm.
+            kind: Name of the path planner.
+        """
+        has_obstacles = bool(machine.obstacles.names)
+        compile_planner(parts=list_parts_for_rest(kind, has_obstacles=has_obstacles))
+        _compiled.add((kind, machine.slews, False))
 
     def follow(
         self,

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from mhsb_tools.moves.move import move_of_plan as move_of_plan
     from mhsb_tools.moves.move_page import draw_move_page as draw_move_page
     from mhsb_tools.moves.move_page import plot_plan as plot_plan
+    from mhsb_tools.moves.supply_systems import compute_single_supply as compute_single_supply
     from mhsb_tools.recording.bag_reader import read_recording as read_recording
 
 __getattr__, __dir__ = import_on_use(
@@ -16,6 +17,7 @@ __getattr__, __dir__ = import_on_use(
         "move_of_plan": "mhsb_tools.moves.move",
         "draw_move_page": "mhsb_tools.moves.move_page",
         "plot_plan": "mhsb_tools.moves.move_page",
+        "compute_single_supply": "mhsb_tools.moves.supply_systems",
         "read_recording": "mhsb_tools.recording.bag_reader",
     },
 )

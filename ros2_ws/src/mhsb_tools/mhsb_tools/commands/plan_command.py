@@ -55,6 +55,7 @@ from mhsb_tools.moves.operating_point import (
     Range,
     find_best_operating_point,
 )
+from mhsb_tools.moves.supply_systems import compute_single_supply
 
 REPEATED_PLAN_TIME = 1.0
 """A plan that took less time than this is made a second time, so that the printed times do not
@@ -227,6 +228,8 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
             path
         - lower_bound_j: lower bound on the energy; gap: share by which the motion's energy exceeds
             it
+        - constant_pressure: pressure [Pa] and energy_j of the same motion with one pump at constant
+            pressure, without boost
         - path: tip [m], and joint_path: joint positions [rad or m], with a row for each waypoint
         - modes: 0 N, 1 DB, 2 SB, with a row for each step of the path
         - trajectory: the motion, as `_trajectory_as_json` returns it
@@ -247,6 +250,7 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
         "energy_j": plan.energy.paper,
         "energy_series_j": plan.energy.series,
         "lower_bound_j": plan.lower_bound,
+        "constant_pressure": compute_single_supply(machine, motion.trajectory)._asdict(),
         "gap": plan.gap,
         "duration_discrete_s": float(path.duration.sum()),
         "duration_s": motion.trajectory.duration_ns / SECOND_NS,
@@ -331,12 +335,14 @@ def format_plan(asked: PaperCase, plan: Plan, found: OperatingPoint | None) -> l
         found: Best and all examined operating points, or None if none was searched.
 
     Returns:
-        Lines: the case if it is one, the plan, the operating point if one was searched, an empty
-        line, and the table of the motion.
+        Lines: the case if it is one, the plan, the energy of the same motion with one pump at
+        constant pressure, the operating point if one was searched, an empty line, and the table of
+        the motion.
     """
     return [
         *format_case_line(asked),
         str(plan),
+        f"compare:  {compute_single_supply(plan.machine, plan.motion.trajectory)}",
         *format_operating_point(found),
         "",
         *format_motion(plan),

@@ -10,17 +10,13 @@ import numpy as np
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import compute_required_pressures, load_pressure
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.motion.energy import Energy
 from mhsb_planner.motion.motion_profile import compute_motion_profile
 from mhsb_planner.motion.planned_pressures import compute_planned_supply
 from mhsb_planner.plan import Plan
-from mhsb_tools.moves.supply_systems import (
-    compute_constant_pressure_energy,
-    compute_loads,
-    compute_needed_supply,
-)
+from mhsb_tools.moves.supply_systems import compute_single_supply
 
 SAMPLE_COUNT = 601
 """Number of instants at which a planned motion is sampled."""
@@ -114,24 +110,8 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
         energy=split_energy(plan.energy),
         energy_source="the planner's model:\n"
         + plan.energy_text.replace(", ", ",\n")
-        + f" (drawn)\n{_describe_single_supply(machine, trajectory)}",
+        + f" (drawn)\n{compute_single_supply(machine, trajectory)}",
     )
-
-
-def _describe_single_supply(machine: Machine, trajectory: Trajectory) -> str:
-    """Say what a motion takes with one pump at constant pressure, high enough without boost.
-
-    Args:
-        machine: The arm.
-        trajectory: The motion.
-
-    Returns:
-        Pressure [MPa] and energy to the oil [J] in words.
-    """
-    loads = compute_loads(machine, trajectory)
-    supply = compute_needed_supply(machine, loads)
-    energy = compute_constant_pressure_energy(machine, loads, supply).hydraulic_j
-    return f"one pump at constant {1e-6 * supply:.1f} MPa: {energy:.1f} J"
 
 
 def load_pressures(machine: Machine, force: FloatArray, speed: FloatArray) -> FloatArray:

@@ -287,11 +287,11 @@ def compute_mode_limits(
 
 
 def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
-    """Draw for each actuator the speeds and forces that its modes allow, and those of the move.
+    """Draw for each actuator which mode its speeds and forces need, and those of the move.
 
-    A coloured area shows the piston speeds that a mode allows at each force, for each mode that the
-    machine has. The move is a line that has the colours of its modes. The figure gets a legend
-    below the panels.
+    The areas have the colour of the weakest mode (N < DB < SB) that allows a piston speed at a
+    force; white is impossible. The move is a line that has the colours of its modes. The figure
+    gets a legend below the panels.
 
     Args:
         move: The move.
@@ -299,17 +299,16 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
             Limits and titles are set.
     """
     modes = list_available_modes(move.machine)
-    drawn = [mode for mode in (Mode.N, Mode.SB, Mode.DB) if mode in modes]  # DB lies within SB
     for j, axes in enumerate(panels):
         low, high = _range_with_margin(move.force[:, j], 400.0)
         forces = np.linspace(min(low, 0.0), max(high, 0.0), FORCE_SAMPLES)
-        for mode in drawn:
+        for layer, mode in enumerate(reversed(modes)):  # weaker modes cover stronger ones
             slow, fast = (
                 PER_MM * each for each in compute_mode_limits(move.machine, j, mode, forces)
             )
-            axes.fill_betweenx(PER_KN * forces, slow, fast, color=_pale(mode), linewidth=0)
-            for limit in (slow, fast):
-                axes.plot(limit, PER_KN * forces, color=PATH_COLOR[mode], linewidth=0.8)
+            axes.fill_betweenx(
+                PER_KN * forces, slow, fast, color=_pale(mode), linewidth=0, zorder=1 + layer / 10
+            )
         for begin, end, mode in yield_mode_spans(move.modes[:, j]):
             rows = slice(begin, end + 1)
             axes.plot(
@@ -325,7 +324,7 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
         axes.set(xlabel="piston speed [mm/s]", title=f"actuator {j + 1}: operating region")
     panels[0].set_ylabel("cylinder force [kN]")
     for mode in modes:
-        panels[0].fill_betweenx([], [], [], color=_pale(mode), label=f"possible in {mode.name}")
+        panels[0].fill_betweenx([], [], [], color=_pale(mode), label=f"{mode.name} is enough")
     panels[0].plot([], [], color=BLACK, linewidth=2.0, label="the move")
     figure = panels[0].get_figure(root=False)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)

@@ -183,6 +183,41 @@ def compute_constant_pressure_energy(
     return _from_one_pump(machine, loads, power)
 
 
+class SingleSupply(NamedTuple):
+    """One pump at constant pressure that does a motion without boost.
+
+    Attributes:
+        pressure: Lowest sufficient supply pressure [Pa].
+        energy_j: Energy to the oil [J].
+    """
+
+    pressure: float
+    energy_j: float
+
+    def __str__(self) -> str:
+        """Return pressure and energy in words, for a page that shows the motion."""
+        pressure = f"{1e-6 * self.pressure:.1f} MPa"
+        return f"same motion, one pump at constant {pressure}: {self.energy_j:.1f} J"
+
+
+def compute_single_supply(machine: Machine, trajectory: Trajectory) -> SingleSupply:
+    """Compute what a motion takes with one pump at constant pressure, high enough without boost.
+
+    The difference from the plan's energy in reading `series` is what boost saves on this motion.
+
+    Args:
+        machine: The arm.
+        trajectory: The motion, such as `plan.motion.trajectory`.
+
+    Returns:
+        Pressure by `compute_needed_supply`, and energy by `compute_constant_pressure_energy`.
+    """
+    loads = compute_loads(machine, trajectory)
+    supply = compute_needed_supply(machine, loads)
+    taken = compute_constant_pressure_energy(machine, loads, supply)
+    return SingleSupply(supply, taken.hydraulic_j)
+
+
 def load_sensing(machine: Machine, loads: MotionLoads, margin: float) -> SupplyEnergy:
     """Compute the energy of a motion with one pump that follows the highest load pressure.
 

@@ -8,6 +8,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray, Position
 from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_tools.moves.move import MoveRecord, split_energy
+from mhsb_tools.moves.supply_systems import compute_single_supply
 from mhsb_tools.recording.bag_format import BagError
 from mhsb_tools.report.recorded_goals import RecordedGoal
 from mhsb_tools.report.recorded_motion import REST_SPEED, cut_trajectory
@@ -159,7 +160,8 @@ def _make_move(
         supply=quantity["supply_pressure"],
         chambers={"cap side": quantity["cap_pressure"], "rod side": quantity["rod_pressure"]},
         energy=split_energy(compute_motion_energy(run.machine, path, run.modes)),
-        energy_source="the planner's model of what was followed",
+        energy_source="the planner's model of what was followed\n"
+        f"{compute_single_supply(run.machine, path)}",
     )
 
 

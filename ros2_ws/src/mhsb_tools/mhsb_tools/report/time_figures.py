@@ -296,8 +296,8 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
     table = run.recording.actuators
     time = to_seconds(run, table.time_ns)
     lines = (
-        ("cap_pressure", "cap-side chamber", PURPLE),
-        ("rod_pressure", "rod-side chamber", GREEN),
+        ("cap_pressure", "cap-side chamber", GREEN),
+        ("rod_pressure", "rod-side chamber", PURPLE),
         ("supply_pressure", "supply line", BLACK),
     )
     with open_figure(path, 1.2 + 2.4 * n) as figure:

@@ -77,7 +77,7 @@ def test_regions_have_a_legend_and_nothing_else_has_the_colours_of_boosted_modes
     move_page._draw_regions(move, panels)
     (legend,) = figure.legends
     words = [text.get_text() for text in legend.get_texts()]
-    assert words == ["possible in N", "possible in DB", "possible in SB", "the move"]
+    assert words == ["N is enough", "DB is enough", "SB is enough", "the move"]
     boosted = {colors[mode] for colors in (MODE_COLOR, PATH_COLOR) for mode in (Mode.DB, Mode.SB)}
     others = {*JOINT_COLORS, *move_page.ITEM_COLORS.values(), *SET_COLORS.values()}
     assert not boosted & others
@@ -92,7 +92,7 @@ def test_a_machine_without_boosters_has_no_other_modes_on_its_page(move):
     move_page._draw_regions(alone, np.array(regions))
     move_page.draw_mode_bars(alone, bars)
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert legend == ["possible in N", "the move"]
+    assert legend == ["N is enough", "the move"]
     assert bars.get_legend_handles_labels()[1] == ["N"]
 
 

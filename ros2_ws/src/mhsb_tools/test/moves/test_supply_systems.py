@@ -19,6 +19,7 @@ from mhsb_tools.moves.supply_systems import (
     compute_mhsb_energy,
     compute_needed_pressure_energy,
     compute_needed_supply,
+    compute_single_supply,
     compute_pump_control_energy,
     load_sensing,
     remove_leakage,
@@ -102,6 +103,21 @@ def test_a_constant_pressure_takes_what_the_simulator_takes_with_such_a_pump(
     found = compute_constant_pressure_energy(machine, compute_loads(machine, trajectory), supply)
     assert found.hydraulic_j == pytest.approx(run.energies["main_pump"], rel=0.01)
     assert found.shaft_j == pytest.approx(run.energies["main_pump_shaft"], rel=0.01)
+
+
+def test_a_single_supply_fills_all_strokes_and_leaks_at_the_highest_needed_pressure(
+    machine: Machine, lift
+) -> None:
+    trajectory, m = lift[0], machine.arrays
+    position = trajectory.sample_many(np.linspace(0, trajectory.duration_ns, 20001).astype(int))[0]
+    strokes = np.diff([machine.cylinder_lengths(q) for q in position], axis=0)
+    oil = (np.where(strokes > 0.0, m.cap_area, m.rod_area) * np.abs(strokes)).sum()
+    found = compute_single_supply(machine, trajectory)
+    ratio = (found.pressure - TANK) / (m.supply_pressure - TANK)
+    leaked = 3 * m.leakage_flow * np.sqrt(ratio) * trajectory.duration_ns / 1e9
+    assert found.energy_j == pytest.approx(found.pressure * (oil + leaked), rel=1e-3)
+    assert found.pressure > m.supply_pressure
+    assert f"at constant {found.pressure / 1e6:.1f} MPa: {found.energy_j:.1f} J" in str(found)
 
 
 def test_load_sensing_agrees_with_quadrature_over_the_motion(machine: Machine, lift) -> None:
