@@ -14,6 +14,7 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.motion.s3_trajectory import FitRules
+from mhsb_sim.simulation.supervision import Phase
 from mhsb_tools.recording.recording import JointTable
 
 BoolArray = NDArray[np.bool_]
@@ -326,8 +327,9 @@ def check_rest_after_stops(events: Events) -> PromiseResult:
 def check_healing(events: Events) -> PromiseResult:
     """Check that no joint moves fast after a fault is healed, until the next goal.
 
-    No joint may exceed 0.05 rad/s once the reference rests. Healing while a plan is in force is
-    left out.
+    No joint may exceed 0.05 rad/s once the reference rests. If a fault has closed the valves in
+    motion, the arm swings on its oil, and is judged once it has come to rest. Healing while a plan
+    is in force is left out.
 
     Args:
         events: Everything recorded in the soak.
@@ -343,7 +345,8 @@ def check_healing(events: Events) -> PromiseResult:
         later = (deed.begin_ns for deed in others if deed.begin_ns > heal.begin_ns)
         end_ns = min(later, default=events.end_ns)
         braked_ns = rests_ns[rests_ns >= heal.begin_ns].min(initial=end_ns)
-        rows = np.flatnonzero((table.recorded_ns > braked_ns) & (table.recorded_ns < end_ns))
+        begin_ns = max(braked_ns, _swings_until(events, heal.begin_ns))
+        rows = np.flatnonzero((table.recorded_ns > begin_ns) & (table.recorded_ns < end_ns))
         if not heal.value or len(rows) < 2 or _plan_in_force(events, heal.begin_ns) != 0:
             continue
         tested += 1
@@ -352,6 +355,21 @@ def check_healing(events: Events) -> PromiseResult:
             when = events.seconds(heal.begin_ns)
             broken.append(f"after healing {heal.value} at {when:.2f} s: {speed:.2g} rad/s")
     return PromiseResult(tested, tuple(broken))
+
+
+def _swings_until(events: Events, time_ns: int) -> int:
+    """Return when an arm has come to rest whose valves a fault had closed at a system time [ns].
+
+    Until then the servo does not act. The result is 0 if the valves were not closed, and the end of
+    the recording if the arm does not come to rest.
+    """
+    reports = events.recording.simulator_reports
+    closed = [Phase.CLOSED.value in each.value.sentence for each in reports]
+    began = [k for k, each in enumerate(reports) if each.recorded_ns <= time_ns]
+    if not began or not closed[began[-1]]:
+        return 0
+    later = zip(reports[began[-1] :], closed[began[-1] :], strict=True)
+    return next((each.recorded_ns for each, is_closed in later if not is_closed), events.end_ns)
 
 
 def _measured_speed(table: JointTable, rows: IntArray) -> float:

@@ -12,6 +12,7 @@ from tests.soak.events import PLANNER, SIM, ActionKind
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
+from mhsb_sim.simulation.supervision import Phase
 
 
 def moved(table, rows, offset):
@@ -203,4 +204,27 @@ def test_an_arm_that_still_brakes_when_it_is_healed_does_not_lunge(spoilt, event
         braking = replace(references, velocity=references.velocity.copy())
         braking.velocity[5000:braked] = 0.1
         recording = {"joint_states": lunging, "references": braking}
+        assert motion_promises.check_healing(spoilt(recording=recording)).is_kept is held
+
+
+def test_an_arm_that_swings_behind_closed_valves_is_judged_once_it_rests(spoilt, events, make):
+    """The swing begins before the healing at 50 s. It ends at 52 s, and a lunge follows at 54 s."""
+    states, (running, faulty, healed) = (
+        events.recording.joint_states,
+        events.recording.simulator_reports,
+    )
+    time = np.arange(-100, 200) / 100.0
+    swinging = replace(states, position=states.position.copy())
+    swinging.position[4900:5200, 0] += 0.01 * np.sin(10.0 * np.pi * time)
+    lunging = replace(swinging, position=swinging.position.copy())
+    lunging.position[5400:] += 0.1
+    for sentence, table, held in (
+        (f"a valve fails: {Phase.CLOSED.value}", swinging, True),
+        (f"a valve fails: {Phase.CLOSED.value}", lunging, False),
+        (f"a valve fails: {Phase.STOPPING.value}", swinging, False),
+        (f"a valve fails: {Phase.HELD.value}", swinging, False),
+    ):
+        closed = replace(faulty, value=replace(faulty.value, sentence=sentence))
+        rests = replace(healed, recorded_ns=make.ns(52.0))
+        recording = {"joint_states": table, "simulator_reports": (running, closed, rests)}
         assert motion_promises.check_healing(spoilt(recording=recording)).is_kept is held

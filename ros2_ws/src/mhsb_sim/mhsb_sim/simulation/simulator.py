@@ -415,7 +415,7 @@ class Simulator:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """Estimates of the present controller. A new controller starts when closed valves open."""
+        """Estimates of the present controller, which `restart_servo` replaces by a new one."""
         return self._servo.controller.estimates
 
     def save_estimates(self) -> None:
@@ -472,7 +472,7 @@ class Simulator:
         if problem := find_schedule_problem(self.machine, schedule):
             raise ModeError(problem)
         if self.valves_closed:
-            self._servo.restart(self._learnt)
+            self.restart_servo()
             self._open_valves()
         self._follow(trajectory, schedule, planned=True)
 
@@ -505,6 +505,13 @@ class Simulator:
         self.guard.reset()
         self._servo.prepare_modes()
         self._control = _keep_commands
+
+    def restart_servo(self) -> None:
+        """Let the servo start again, with the estimates of the latest call of `save_estimates`.
+
+        Reference, modes and valves do not change. What the servo has learnt since is forgotten.
+        """
+        self._servo.restart(self._learnt)
 
     @property
     def valves_closed(self) -> bool:

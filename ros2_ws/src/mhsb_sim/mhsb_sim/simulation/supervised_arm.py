@@ -226,6 +226,10 @@ class SupervisedArm:
           has the set value. This may happen after the call.
         - The arm is not stopped: servo pumps that were found to fail are used again.
 
+        In the last two cases the servo starts again if the reference rests. It may have learnt from
+        a part that failed, for instance an overlap from a stuck valve. It would then open the
+        healed valve too far.
+
         Args:
             time_ns: Simulated time at which a diverged simulation starts again [ns].
 
@@ -235,6 +239,8 @@ class SupervisedArm:
         if self.halted:
             self._restart_in_place(time_ns)
             return "the fault is cleared and the simulation starts anew from where the arm was"
+        if not self.simulator.reference.velocity.any():
+            self.simulator.restart_servo()
         if self.supervision.phase is Phase.WATCHING:
             failed = self.supervision.restore_servo_pumps()
             return f"{failed}: used again" if failed else "there is no fault"

@@ -143,6 +143,32 @@ def test_a_fault_cleared_while_the_arm_is_still_moving_is_cleared_when_it_rests(
     assert arm.fault == ""
 
 
+@pytest.mark.parametrize(
+    ("place", "spool", "stops"),
+    [(0, -0.02, False), (1, 0.05, False), (2, 0.02, False), (0, -0.02, True)],
+)
+def test_an_arm_is_led_back_slowly_from_a_stuck_valve_that_is_healed_before_it_is_closed(
+    arm: SupervisedArm, place: int, spool: float, stops: bool
+) -> None:
+    """The servo takes the drift for an overlap, by which it would open the healed valve."""
+    advance(arm, 0.2)
+    arm.simulator.spools[place] = spool
+    arm.simulator.inject_faults([Fault("valve_stuck", place)])
+    advance(arm, 2.0, lambda: bool(arm.fault if stops else arm.warning))
+    assert bool(arm.fault) is stops
+    assert not arm.simulator.valves_closed
+    off = arm.simulator.reference.position - arm.simulator.joint_state.position
+    assert np.abs(off).max() > 0.01
+    arm.simulator.inject_faults([])
+    arm.clear_fault(arm.simulator.time_ns)
+    before, fastest = arm.simulator.joint_state.position, 0.0
+    for _ in range(15):
+        advance(arm, 0.1)
+        now = arm.simulator.joint_state.position
+        fastest, before = max(fastest, np.abs(now - before).max() / 0.1), now
+    assert fastest < 0.05
+
+
 def test_a_load_that_falls_onto_the_arm_is_taken_off_gently(arm: SupervisedArm) -> None:
     arm.set_payload(2000.0)
     advance(arm, 0.5)
