@@ -207,9 +207,8 @@ class Planner:
         self._check_request(goal, start, deadline, options)
         deadline = self._compile(options.planner, deadline)
         log, refused = log or PlanLog(), None
-        source: PathSource = PlanePaths(planner, self.graph)
-        if self.machine.slews:
-            source = SlewingPaths(self.machine, planner, self.graph)
+        plane = PlanePaths(planner, self.graph)
+        source = SlewingPaths(self.machine, plane) if self.machine.slews else plane
         for stop in self._list_ways_to_rest(goal, start, brake, remainder, options):
             request = self._create_request(goal, start, modes, stop, options)
             try:

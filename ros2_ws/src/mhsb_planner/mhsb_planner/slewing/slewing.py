@@ -161,11 +161,13 @@ class SlewingPaths:
     machine: Machine
     """Whole arm, which slews."""
 
-    planner: PathPlanner
-    """Planner of paths in the arm's plane."""
+    plane: PlanePaths
+    """Source of paths in the arm's plane."""
 
-    graph: StepGraph
-    """Step graph of the arm's plane."""
+    @property
+    def graph(self) -> StepGraph:
+        """Step graph of the arm's plane."""
+        return self.plane.graph
 
     def bound(self, request: PathRequest, progress: PlanProgress) -> float:
         """Compute a lower bound on the energy of every plan for a request, slew included.
@@ -183,7 +185,7 @@ class SlewingPaths:
             OutOfWorkspaceError: The slew's limits do not allow the goal.
         """
         in_plane, _ = self._convert_to_plane(request)
-        return PlanePaths(self.planner, self.graph).bound(in_plane, progress)
+        return self.plane.bound(in_plane, progress)
 
     def paths(self, request: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.
@@ -204,9 +206,8 @@ class SlewingPaths:
                 path was found before the deadline.
         """
         in_plane, slew = self._convert_to_plane(request)
-        in_the_plane = PlanePaths(self.planner, self.graph)
         if not self.machine.obstacles.is_in_space.any():
-            for candidate in in_the_plane.paths(in_plane, progress):
+            for candidate in self.plane.paths(in_plane, progress):
                 yield candidate._replace(path=self._turn_evenly(request, candidate.path, slew))
             return
         check_tip_clearance(self.machine, request.goal)
@@ -264,12 +265,11 @@ class SlewingPaths:
                 the error of the direct method, or NoPathError.
         """
         began = float(request.departure[0])
-        paths = PlanePaths(self.planner, self.graph).paths(in_plane, progress)
-        direct = Proposer(self.planner.name, paths)
-        baselines, turn = self.planner.baselines, (began, slew)
+        own, turn = self.plane.planner, (began, slew)
+        direct, baselines = Proposer(own.name, self.plane.paths(in_plane, progress)), own.baselines
         others = [
             Proposer(f"{planner.name}, {name}", find_paths(planner, in_plane, turn, progress))
-            for planner in (*baselines[:1], self.planner, *baselines[1:])
+            for planner in (*baselines[:1], own, *baselines[1:])
             for name, find_paths in (
                 ("past shadows", self._yield_paths_past_shadows),
                 ("carried", self._yield_carried_paths),
@@ -407,7 +407,7 @@ class SlewingPaths:
             One or two proposals, without the name of a proposer.
         """
         path = path._replace(proposer="")
-        if planner is self.planner:
+        if planner is self.plane.planner:
             yield path
         else:
             yield from propose_in_both_ways(path._replace(for_comparison=True), planner, in_plane)
