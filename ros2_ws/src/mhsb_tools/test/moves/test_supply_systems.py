@@ -19,8 +19,8 @@ from mhsb_tools.moves.supply_systems import (
     compute_mhsb_energy,
     compute_needed_pressure_energy,
     compute_needed_supply,
-    compute_single_supply,
     compute_pump_control_energy,
+    compute_single_supply,
     load_sensing,
     remove_leakage,
 )
