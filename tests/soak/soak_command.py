@@ -278,7 +278,7 @@ def soak(
     planner or simulator may be.
 
     Args:
-        minutes: Duration [min]; memory is judged for nodes older than three minutes.
+        minutes: Duration [min]; memory is judged for nodes older than four minutes.
         machine: Machine file (YAML); the suite's own arm when left out.
         output: Folder, whose content is replaced.
         seed: Seed of all random choices.

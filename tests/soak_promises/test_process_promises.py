@@ -45,23 +45,23 @@ def test_a_strange_setting_that_is_taken_or_not_answered_is_told(spoilt, make):
 
 def with_memory(make, sizes):
     memory = tuple((make.ns(second), size) for second, size in enumerate(sizes))
-    return replace(make.life(PLANNER, 1, 0.0, 300.0), memory=memory)
+    return replace(make.life(PLANNER, 1, 0.0, 360.0), memory=memory)
 
 
-def test_growth_counts_after_three_minutes_only(spoilt, make):
+def test_growth_counts_after_four_minutes_only(spoilt, make):
     def life(growth_from):
-        sizes = [200_000_000 + max(0, second - growth_from) * 100_000 for second in range(300)]
+        sizes = [200_000_000 + max(0, second - growth_from) * 100_000 for second in range(360)]
         return with_memory(make, sizes)
 
-    assert process_promises.check_memory_growth(spoilt(lives=(life(260),))).is_kept
+    assert process_promises.check_memory_growth(spoilt(lives=(life(320),))).is_kept
     kept = process_promises.check_memory_growth(spoilt(lives=(life(0),)))
     assert kept.violations == ("planner-1 grew by 10.9 MB",)
 
 
 def test_memory_that_is_given_back_at_once_is_no_growth(spoilt, make):
     def life(lasting):
-        sizes = np.full(300, 200_000_000)
-        sizes[220 : 220 + lasting] += 20_000_000
+        sizes = np.full(360, 200_000_000)
+        sizes[280 : 280 + lasting] += 20_000_000
         return with_memory(make, sizes.tolist())
 
     assert process_promises.check_memory_growth(spoilt(lives=(life(3),))).is_kept
