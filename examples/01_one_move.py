@@ -18,7 +18,8 @@ folder.mkdir(parents=True, exist_ok=True)
 machine = load_machine()  # the three-joint arm of the paper; or load_machine("excavator")
 planner = Planner(machine)
 
-start = MotionState.at_rest(machine.config.simulation.start_posture)  # joint angles [rad]
+# Joint angles [rad] are counted from the link before; positive raises the link.
+start = MotionState.at_rest(machine.config.simulation.start_posture)
 plan = planner.plan((0.55, 0.60), start)  # tip position x, z [m]
 
 print(plan)

@@ -149,8 +149,8 @@ class Health:
         if not self._pacer.lags:
             return ""
         return (
-            f"the simulation is {self._pacer.lag_ns / SECOND_NS:.2f} s behind its pace: this "
-            "machine was too busy for it, or it was frozen"
+            f"the simulation is {self._pacer.lag_ns / SECOND_NS:.2f} s behind its pace, slower "
+            "but exact: this machine was too busy for it, or it was frozen"
         )
 
     def _describe_offset(self) -> str:
