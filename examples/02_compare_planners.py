@@ -25,6 +25,6 @@ for objective, weights in OBJECTIVES.items():
         plan = planner.plan(GOAL, start, options=PlanOptions(weights, planner=name))
         switches = plan.motion.schedule.switch_count
         print(
-            f"{objective:8}{name:12}{plan.energy.paper:11.1f}{plan.duration:10.2f}"
+            f"{objective:8}{name:12}{plan.energy.series:11.1f}{plan.duration:10.2f}"
             f"{switches:10d}{plan.lower_bound:11.1f}"
         )

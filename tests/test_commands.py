@@ -385,10 +385,15 @@ def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start_fo
     arguments = ("mhsb_tools", "mhsb", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
     zones = ("--zone-box", "0.65", "0.1", "0.9", "0.3", "--zone-circle", "0.2", "-0.6", "0.1")
     around = start_fork(*arguments, *zones, "--json")
+    told = start_fork(*arguments, *zones)
     inside = start_fork(*arguments, *zones, "--zone-box", "0.7", "0.8", "0.5", "0.5")
     assert around.wait(180) == 0, around.output
     path = json.loads(around.output)["path"]
     assert not any(0.65 < x < 0.9 and 0.1 < z < 0.3 for x, z in path)
+    assert told.wait(180) == 0, told.output
+    assert (
+        "links count as lines, because the machine file has no keep_out.link_radii" in told.output
+    )
     assert inside.wait(180) != 0
     assert "50 mm deep in the keep-out box (0.5, 0.5) … (0.7, 0.8) m" in inside.output
 

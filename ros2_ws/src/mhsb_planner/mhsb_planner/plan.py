@@ -88,10 +88,9 @@ class Plan:
         ends = self.machine.tip_in_base(motion.trajectory.position[[0, -1]])
         begin, end = (format_position(tip, ".3f") for tip in ends.tolist())
         used = [mode for mode in Mode if (motion.schedule.modes == mode).any()]
-        aside = ", zones aside" if self.machine.obstacles.names else ""
         bound = (
             f"          {100 * self.gap:.0f} % above the lower bound of {self.lower_bound:.1f} J, "
-            f"which no motion can undercut{aside}"
+            "which leaves out payload, boost and zones"
         )
         excess = f"speed:    pistons exceed V_max by up to {100 * motion.speed_excess:.0f} %"
         return "\n".join([

@@ -132,13 +132,13 @@ class PlanLog:
 
     def __str__(self) -> str:
         """Return the entries as a text table: a header, then one line for each entry."""
-        lines = [f"{'ms':>8}  {'path':>9}  {'motion':>9}  {'outcome':9} proposer"]
+        lines = [f"{'ms':>8}  {'path cost':>9}  {'motion cost':>11}  {'outcome':9} proposer"]
         for entry in self.entries:
             kind = f", {entry.motion}" if entry.motion else ""
             why = f": {entry.reason}" if entry.reason else ""
             lines.append(
                 f"{1e3 * entry.time:8.2f}  {_format_cost(entry.path_cost)}  "
-                f"{_format_cost(entry.motion_cost)}  {entry.outcome:9} "
+                f"{_format_cost(entry.motion_cost):>11}  {entry.outcome:9} "
                 f"{entry.proposer}{kind}{why}"
             )
         return "\n".join(lines)

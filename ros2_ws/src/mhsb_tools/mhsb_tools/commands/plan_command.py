@@ -336,17 +336,32 @@ def format_plan(asked: PaperCase, plan: Plan, found: OperatingPoint | None) -> l
 
     Returns:
         Lines: the case if it is one, the plan, the energy of the same motion with one pump at
-        constant pressure, the operating point if one was searched, an empty line, and the table of
-        the motion.
+        constant pressure, the operating point if one was searched, a note if zones are kept with
+        links without thickness, an empty line, and the table of the motion.
     """
     return [
         *format_case_line(asked),
         str(plan),
         f"compare:  {compute_single_supply(plan.machine, plan.motion.trajectory)}",
         *format_operating_point(found),
+        *format_thickness_note(plan.machine),
         "",
         *format_motion(plan),
     ]
+
+
+def format_thickness_note(machine: Machine) -> list[str]:
+    """Format a note if the arm has zones, but the machine file has no thickness of its links.
+
+    Args:
+        machine: The arm.
+
+    Returns:
+        One line, or none.
+    """
+    if not machine.obstacles.names or machine.config.keep_out.link_radii:
+        return []
+    return ["note:     links count as lines, because the machine file has no keep_out.link_radii"]
 
 
 def format_motion(plan: Plan) -> list[str]:

@@ -45,7 +45,7 @@ def test_with_explain_the_discrete_path_and_the_log_follow(capsys):
     words = capsys.readouterr().out
     for each in ("N-N-N", "discrete path of the search", "fit: ", "planned in", "polytope: "):
         assert each in words
-    assert "outcome   proposer" in words
+    assert "motion cost  outcome   proposer" in words
 
 
 def test_json_has_the_motion_over_time(capsys, tmp_path):
