@@ -50,7 +50,6 @@ COMPLEMENTED = frozenset(
     {
         "forgetting_factor",
         "min_manifold_pressure_share",
-        "min_diverted_share",
         "open_opening",
         "full_rate_opening",
         "zero_rate_opening",

@@ -81,27 +81,17 @@ from mhsb_model.types import FloatArray, IntArray
 
 _log = logging.getLogger(__name__)
 
+CHARGING_TIME_CONSTANTS = 4.0
+"""Time in which a throttled join valve charges its line, in time constants of the valve [-].
+
+A first-order lag of time constant T in a loop with an integrator of time constant 4 T is damped
+critically: the shortest time without overshoot."""
+
 
 @dataclass(frozen=True)
 class CoordinationSettings(Record):
     """Tuned numbers of the coordinated controller itself."""
 
-    joined_drop: float = 1e5
-    """Pressure difference of line and rail below which a join valve opens fully [Pa], 1e3 … 1e7.
-
-    Origin: chosen; the error of two industrial pressure sensors is 0.07 MPa at most.
-
-    30 % smaller and larger, N = 5: RMS error +0.2 and −4.6 % (mhsb_arm3; overshoot +0.15 and
-    +0.02 MPa), 0 and 0 % (excavator)."""
-    charging_time_constants: float = 4.0
-    """Time in which a throttled join valve charges its line, in time constants of the valve, 1 …
-    100.
-
-    Origin: derivation; the shortest time without overshoot of a second-order loop of two equal
-    time constants.
-
-    30 % smaller and larger, N = 5: RMS error −0.3 and 0 % (mhsb_arm3), +1.1 and +0.2 %
-    (excavator)."""
     early_leave_flow_share: float = 0.8
     """Share of a pump's flow up to which a line may leave the rail before its mode ends, 0 … 1.
 
@@ -564,7 +554,7 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: floa
         min_speed_ratio: Multiple of the reference's speed that may always be demanded.
     """
     axes, full = s.axes, s.constants[0].servo_pump_flow
-    pumps, diverted = 0, p.gains[0].settings.min_diverted_share
+    pumps, diverted = 0, p.gains[0].settings.lines.open_opening
     shared = p.lines.fed[len(axes), 2]
     for k in range(len(s.modules)):
         user: int = s.serves[k]
@@ -647,7 +637,7 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
     for j in range(len(axes)):
         axis = axes[j]
         leaves = not joins_rail(j, modes, module_home, serves)
-        leaves_early = may_leave_early(s, p, j, highest, settings)
+        leaves_early = may_leave_early(s, p, j, highest, settings.early_leave_flow_share)
         leaves = leaves or leaves_early
         if leaves and (leaves_early or not coasting):
             axis.joined = 0.0
@@ -663,7 +653,7 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
                 passing = drawn / (c.switching_coefficient * actuators[j].join)
                 max_rail_pressure = min(max_rail_pressure, axis.supply_target + passing * passing)
         else:
-            actuators[j].join_command = join_line(s, p, j, settings)
+            actuators[j].join_command = join_line(s, p, j)
     if max_rail_pressure == math.inf:
         p.rail_before[0] = rail_pressure
     max_rail_pressure = max(max_rail_pressure, p.rail_before[0])
@@ -673,7 +663,7 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
 
 @kernel(borrows=True)
 def may_leave_early(
-    s: ServoArguments, p: PumpState, j: int, highest: float, settings: CoordinationSettings
+    s: ServoArguments, p: PumpState, j: int, highest: float, flow_share: float
 ) -> bool:
     """Return whether a line may leave the rail before its mode ends.
 
@@ -683,34 +673,33 @@ def may_leave_early(
     - The line's mode will not be SB (shared boost) at the preview point, a fixed time ahead.
     - One pump can supply the line's flow, less the leakage that the lower pressure will save. The
       pump counts with its full flow, but while the line is joined to the rail only with the share
-      `early_leave_flow_share` of it.
+      `flow_share` of it.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
         p: State of the pumps. Reads the leakage estimates in `lines`.
         j: Index of the line.
         highest: Highest pressure target of the boosted lines that are joined to the rail [Pa].
-        settings: Tuned numbers of the controller itself.
+        flow_share: Share of a pump's flow up to which a joined line may leave, 0 … 1.
     """
     axis, c = s.axes[j], s.constants[0]
-    lower = axis.supply_target < highest - settings.joined_drop
+    lower = axis.supply_target < highest - p.gains[0].settings.lines.joined_drop
     if not lower or RAIL_MODES[s.modes_ahead[j]]:
         return False
     leakage = compute_null_leakage(c, axis.supply_target - c.tank_pressure)
     excess_leakage = p.lines.estimate[1 + j] * (axis.leakage - leakage)
-    most = settings.early_leave_flow_share if axis.joined > 0.0 else 1.0
+    most = flow_share if axis.joined > 0.0 else 1.0
     return axis.line_flow - excess_leakage < most * c.servo_pump_flow
 
 
 @kernel(borrows=True)
-def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSettings) -> float:
+def join_line(s: ServoArguments, p: PumpState, j: int) -> float:
     """Compute the opening of a line's join valve, and join the line if the pressures agree.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `joined` of the axis in place.
         p: State of the pumps. Reduces `charging_flow_left` [m³/s] in place.
         j: Index of the line, which draws from the rail.
-        settings: Tuned numbers of the controller itself.
 
     Returns:
         Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before that, it is 0 if the
@@ -720,11 +709,11 @@ def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSet
     """
     axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
     drop = s.rail_pressure[0] - line_pressure
-    if abs(drop) < settings.joined_drop:
+    if abs(drop) < p.gains[0].settings.lines.joined_drop:
         axis.joined = 1.0
     lacking = c.line_capacity * (axis.supply_target - line_pressure)
     charge = min(
-        max(0.0, lacking / (settings.charging_time_constants * c.switching_time)),
+        max(0.0, lacking / (CHARGING_TIME_CONSTANTS * c.switching_time)),
         p.charging_flow_left[0],
     )
     own = c.servo_pump_flow if has_own_pump(j, s.module_home, s.serves) else 0.0

@@ -126,10 +126,12 @@ class LineSettings(Record):
     open_opening: float = 0.9
     """Opening of a join valve or diverter above which it counts as open, 0.5 … 1.
 
-    Origin: chosen; the pressure drop over it is then 1.2 times that of an open valve.
+    A lent pump whose diverter is open counts as feeding the rail. Origin: chosen; the pressure drop
+    over it is then 1.2 times that of an open valve.
 
-    Distance to 1 30 % smaller and larger, N = 5: RMS error −3.6 and −17.4 % (mhsb_arm3;
-    overshoot −0.07 and +0.04 MPa), 0 and 0 % (excavator)."""
+    Distance to 1 30 % smaller and larger, N = 5, for join valves alone: RMS error −3.6 and −17.4 %
+    (mhsb_arm3; overshoot −0.07 and +0.04 MPa), 0 and 0 % (excavator). For diverters alone: 0 and
+    0 % (mhsb_arm3), +4.6 and −3.4 % (excavator; overshoot −0.43 and −2.77 MPa)."""
     check_valve_margin: float = 1e5
     """Line pressure above P_S from which the line's check valve counts as closed [Pa], 0 … 1e7.
 
@@ -140,10 +142,12 @@ class LineSettings(Record):
     joined_drop: float = 1e5
     """Pressure difference up to which a line and the rail count as one volume [Pa], 0 … 1e7.
 
-    Origin: chosen; the error of two industrial pressure sensors is 0.07 MPa at most.
+    Below it, a join valve opens fully. Origin: chosen; the error of two industrial pressure sensors
+    is 0.07 MPa at most.
 
-    30 % smaller and larger, N = 5: RMS error −5.3 and −4.4 % (mhsb_arm3), +0.8 and 0 %
-    (excavator; overshoot −0.32 and +0.00 MPa)."""
+    30 % smaller and larger, N = 5, for estimates alone: RMS error −5.3 and −4.4 % (mhsb_arm3), +0.8
+    and 0 % (excavator; overshoot −0.32 and +0.00 MPa). For join valves alone: +0.2 and −4.6 %
+    (mhsb_arm3; overshoot +0.15 and +0.02 MPa), 0 and 0 % (excavator)."""
 
 
 class OilBalance(Record):

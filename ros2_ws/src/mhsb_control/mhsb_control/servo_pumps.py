@@ -98,13 +98,6 @@ class PumpSettings(Record):
     Origin: friction, and a reserve at which the reference governor does not act.
 
     30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
-    min_diverted_share: float = 0.9
-    """Share of its flow that a lent pump must lead to the rail to count as feeding the rail, 0 … 1.
-
-    Origin: 2.3 time constants of the diverter.
-
-    Distance to 1 30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +4.6 and −3.4
-    % (excavator; overshoot −0.43 and −2.77 MPa)."""
     lines: LineSettings = field(default_factory=LineSettings)
     """Tuned numbers of the estimates of oil compressibility and leakage."""
     drives: DriveSettings = field(default_factory=DriveSettings)
@@ -552,28 +545,27 @@ def feeds_rail(
     home: int,
     user: int,
     axes: Records[ControlAxis],
-    min_diverted_share: float,
+    open_opening: float,
 ) -> bool:
     """Return whether a module in use feeds the shared rail.
 
     A module that serves the actuator of its own line feeds the rail if this line is joined to the
-    rail. A module that is spare or serves another actuator feeds the rail once its diverter leads
-    more than `min_diverted_share` of its flow there.
+    rail. A module that is spare or serves another actuator feeds the rail once its diverter counts
+    as open.
 
     Args:
         module: ModuleState of the circuit's module.
         home: Actuator to whose line the module belongs; −1 for a spare.
         user: Actuator that the module serves; not negative.
         axes: ControlAxis[n].
-        min_diverted_share: Share of its flow that a lent or spare module must lead to the rail, 0 …
-            1.
+        open_opening: Opening above which a diverter counts as open, 0 … 1.
 
     Returns:
         True if it feeds the rail.
     """
     if home == user:
         return axes[user].joined > 0.0
-    return module.to_rail > min_diverted_share
+    return module.to_rail > open_opening
 
 
 @kernel(inline="always")
@@ -656,7 +648,7 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
     """
     axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
     c, g, drives = s.constants[0], p.gains[0], p.drives
-    diverted = g.settings.min_diverted_share
+    diverted = g.settings.lines.open_opening
     if update_drive_estimates(drives, modules, g.settings.drives):
         predict_coasting(p)
     lag_factor = max(1.0, g.bandwidth * drives.record[0].lag)

@@ -93,13 +93,15 @@ class ValveSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −1.8 and +0.1 % (mhsb_arm3), +0.1 and 0 %
     (excavator; overshoot −1.31 and +0.00 MPa)."""
-    min_stroke_lag: float = 3.0
-    """Smallest lag of a piston behind its predicted stroke that indicates overlap, 0 … 100.
+    significant_deviations: float = 3.0
+    """Number of standard deviations by which a window's stroke must be too short, 1 … 100.
 
-    In standard deviations of a measured stroke. Origin: three standard deviations.
+    In standard deviations of a measured stroke, a lag then indicates overlap. In those of the
+    predicted stroke, a window is then surprising. Origin: three standard deviations.
 
-    30 % smaller and larger, N = 5: RMS error −3.6 and −0.6 % (mhsb_arm3), −3.8 and −0.8 %
-    (excavator; overshoot −2.25 and +0.32 MPa)."""
+    30 % smaller and larger, N = 5, for overlap alone: RMS error −3.6 and −0.6 % (mhsb_arm3), −3.8
+    and −0.8 % (excavator; overshoot −2.25 and +0.32 MPa). For surprises alone: −3.9 and −3.2 %
+    (mhsb_arm3), −3.9 and −4.8 % (excavator; overshoot +2.65 and +0.39 MPa)."""
     gain_deviation: float = 0.15
     """Initial standard deviation of g [-], above 0 … 1.
 
@@ -192,14 +194,6 @@ class ValveSettings(Record):
     It is added to `overlap_deviation`. Origin: chosen.
 
     30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator, which declare none."""
-    surprise: float = 3.0
-    """Number of standard deviations by which a window's stroke must be too short to be surprising,
-    1 … 100.
-
-    Origin: three standard deviations.
-
-    30 % smaller and larger, N = 5: RMS error −3.9 and −3.2 % (mhsb_arm3), −3.9 and −4.8 %
-    (excavator; overshoot +2.65 and +0.39 MPa)."""
     min_surprises: int = 3
     """Number of surprising windows in sequence after which overlap counts as the cause, 1 … 25.
 
@@ -475,7 +469,7 @@ def evaluate_valve_window(
     """Update the estimates from a full window of a valve, or discard the window.
 
     A piston that moved less than the share `min_stroke_share` of the reference's stroke was stuck.
-    A piston lags if its stroke falls short of the predicted stroke by `min_stroke_lag`
+    A piston lags if its stroke falls short of the predicted stroke by `significant_deviations` ×
     `length_deviation` or more. There are three cases:
 
     - The reference moves steadily, and the piston was not stuck. The Kalman filter
@@ -495,8 +489,8 @@ def evaluate_valve_window(
 
     - The reference moves.
     - The line had `min_driving_pressure` beyond the load pressure all the time.
-    - The stroke is much too short: below the prediction by more than `surprise` standard
-      deviations, and below `min_gain` times the prediction.
+    - The stroke is much too short: below the prediction by more than `significant_deviations`
+      standard deviations, and below `min_gain` times the prediction.
 
     Surprising windows are not used until there are `min_surprises` of them in sequence. The most
     likely cause is then overlap, which rises to the value that explains the lag.
@@ -520,7 +514,7 @@ def evaluate_valve_window(
     stuck = way < settings.min_stroke_share * valve.reference_stroke
     follows = moves and not stuck
     drives = valve.least_driving_pressure >= valve.min_driving_pressure
-    least = settings.min_stroke_lag * valve.length_deviation
+    least = settings.significant_deviations * valve.length_deviation
     if not follows and (lag < max(-way, 0.0) + least or (moves and not drives)):
         valve.surprises = 0
         return
@@ -528,7 +522,7 @@ def evaluate_valve_window(
     noise = math.hypot(valve.length_deviation, settings.stroke_deviation * way)
     noise = math.hypot(noise, unsettled)
     spread = own[k, j, k] * s * s + own[0, j, 0] * opened * opened + noise * noise
-    surprising = drives and moves and lag * lag > settings.surprise**2 * spread
+    surprising = drives and moves and lag * lag > settings.significant_deviations**2 * spread
     surprising = surprising and way < settings.min_gain * (way + lag)
     valve.surprises = valve.surprises + 1 if surprising else 0
     if 0 < valve.surprises < settings.min_surprises:
