@@ -48,3 +48,19 @@ def choose(a, *b, c=None):
     assert figures["count_statements"](tree) == 4  # def, if, two returns
     assert figures["complexity_of"](function) == 5  # 1, if, and, or, comprehension
     assert figures["parameter_count"](function) == 3
+
+
+def test_fields_of_settings_that_give_an_origin_are_counted_as_tuned():
+    figures = runpy.run_path(str(BENCHMARKS / "code_figures.py"))
+    source = '''
+class LoopSettings:
+    """Settings. Origin: none."""
+    gain: float = 1.0
+    """Gain. Origin: chosen."""
+    step: float = 0.1
+    """Period."""
+class Loop:
+    gain: float = 1.0
+    """Gain. Origin: chosen."""
+'''
+    assert list(figures["tuned_numbers_of"](ast.parse(source))) == ["Gain. Origin: chosen."]
