@@ -98,25 +98,13 @@ class LineSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −3.9 and −13.1 % (mhsb_arm3; overshoot −0.04 and
     −0.06 MPa), −0.3 and +0.9 % (excavator; overshoot −1.95 and −2.50 MPa)."""
-    min_compressibility: float = 0.4
-    """Smallest estimate of c [-], above 0 … 1.
+    max_factor: float = 2.5
+    """Largest estimate of c and λ [-], 1 … 100; the smallest is 1/`max_factor`.
 
-    Origin: plausibility; oil of 1.6 GPa has 0.63.
+    Origin: plausibility; config/variations.yaml has 0.63 … 1.7 and 0.5 … 1.5.
 
-    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +1.2 and −8.5 % (excavator;
-    overshoot −0.00 and −2.28 MPa)."""
-    min_leakage: float = 0.2
-    """Smallest estimate of λ [-], 0 … 1.
-
-    Origin: plausibility; config/variations.yaml has 0.5.
-
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
-    max_factor: float = 3.0
-    """Largest estimate of c and λ [-], 1 … 100.
-
-    Origin: plausibility; config/variations.yaml has 1.7 and 1.5.
-
-    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +0.1 and 0 % (excavator)."""
+    30 % smaller and larger, N = 5: RMS error −1.8 and 0 % (mhsb_arm3; overshoot −0.18 and 0 MPa),
+    −6.8 and 0 % (excavator)."""
     shut_opening: float = 0.02
     """Opening of a join valve or diverter below which it counts as shut, 0 … 0.5.
 
@@ -453,8 +441,7 @@ def update_line_filter(
     c is a factor on the machine file's compressibility of the oil, and λ_j a factor on the leakage
     of valve j. Before the update, the variance of each parameter with a nonzero coefficient is
     increased. The increase is the square of `compressibility_drift` or `leakage_drift`. After the
-    update, c is limited to `min_compressibility` … `max_factor`, and each λ to `min_leakage` …
-    `max_factor`.
+    update, c and each λ are limited to 1/`max_factor` … `max_factor`.
 
     Args:
         lines: Estimates. Writes `estimate`, `covariance` and `gain_work` in place.
@@ -478,8 +465,7 @@ def update_line_filter(
         spread += row[i] * carried[i]
         away -= row[i] * estimate[i]
     for i in range(n):
-        least = settings.min_compressibility if i == 0 else settings.min_leakage
         updated = estimate[i] + carried[i] / spread * away
-        estimate[i] = min(max(updated, least), settings.max_factor)
+        estimate[i] = min(max(updated, 1.0 / settings.max_factor), settings.max_factor)
         for k in range(n):
             covariance[i, k] -= carried[i] * carried[k] / spread

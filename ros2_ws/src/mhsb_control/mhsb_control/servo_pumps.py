@@ -78,12 +78,6 @@ class PumpSettings(Record):
     Origin: derivation; an integrator with a delay is stable up to π/2, and 0.4 leaves 12 dB.
 
     30 % smaller and larger: not measured."""
-    min_capacity_factor: float = 0.3
-    """Smallest factor on a line's capacity that charging assumes for stiffer oil, above 0 … 1.
-
-    Origin: plausibility; the stiffest oil of config/variations.yaml has 0.63.
-
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     min_manifold_pressure_share: float = 0.94
     """Share of P_S down to which the oil stored in the manifold may charge lines, 0 … 1.
 
@@ -91,13 +85,6 @@ class PumpSettings(Record):
 
     Distance to 1 30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), −3.3 and
     −1.5 % (excavator; overshoot −0.46 and −0.46 MPa)."""
-    manifold_reserve: float = 2e5
-    """Pressure beyond p_L + m(v) that actuators moving in mode N keep while lines are charged [Pa],
-    0 … 1e7.
-
-    Origin: friction, and a reserve at which the reference governor does not act.
-
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     lines: LineSettings = field(default_factory=LineSettings)
     """Tuned numbers of the estimates of oil compressibility and leakage."""
     drives: DriveSettings = field(default_factory=DriveSettings)
@@ -473,7 +460,7 @@ def compute_pump_demand(
     squeeze = p.lines.estimate[0]
     stiff = capacity * max(
         1.0 - g.settings.caution_sigmas * math.sqrt(p.lines.covariance[0, 0]) / squeeze,
-        g.settings.min_capacity_factor,
+        1.0 / (g.settings.lines.max_factor * squeeze),
     )
     cautious = compute_coasting_limit(
         volume, p.cautious_coasting, stiff, rises, pending, flow_uncertainty, spacing
@@ -505,8 +492,8 @@ def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
     greater of two pressures:
 
     - `min_manifold_pressure_share` P_S
-    - min(p_N + `manifold_reserve`, P_S). p_N is the highest pressure that an actuator moving in
-      mode N needs.
+    - min(p_N + `inertia_margin`, P_S). p_N is the highest pressure that an actuator moving in mode
+      N needs. The margin is for friction, and keeps the reference governor from acting.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -534,7 +521,7 @@ def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
                 cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area, c.tank_pressure,
                 force, axis.speed,
             )  # fmt: skip
-            kept = max(kept, min(needed + g.settings.manifold_reserve, c.supply_pressure))
+            kept = max(kept, min(needed + s.gains[0].inertia_margin, c.supply_pressure))
     pent_up = c.manifold_capacity * (lowest - kept)
     return max(0.0, left) + max(0.0, g.pressure_gain * pent_up)
 

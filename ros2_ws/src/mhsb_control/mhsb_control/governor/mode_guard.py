@@ -147,7 +147,7 @@ class ModeGuard:
     def held(self) -> float:
         """Time for which the plan has been held without a break [s]; 0 if it is not held now.
 
-        A plan is held while the rate of its speed scaling is below `held_rate`.
+        A plan is held while a line cannot move its actuator and the rate is below `min_rate`.
         """
         return float(self._state.totals["held"][0])
 
@@ -167,7 +167,7 @@ class ModeGuard:
             if self._state.actuators["allowed_rate"][lacking] < 1.0:
                 left = self._state.actuators["reserve"][lacking] / 1e6
                 why = f"{self._names[lacking]} has {left:.2f} MPa in reserve"
-            if rate < self.settings.held_rate:
+            if self.held > 0.0:
                 stalled = int(np.argmin(self._state.actuators["driving_pressure"]))
                 beyond = self._state.actuators["driving_pressure"][stalled] / 1e6
                 why = f"the line of {self._names[stalled]} has {beyond:.2f} MPa beyond its load"

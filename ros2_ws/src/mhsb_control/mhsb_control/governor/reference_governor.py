@@ -93,7 +93,9 @@ class GovernorSettings(Record):
     Origin: a line that lacks less than this in mode N loses almost no pressure during
     `boost_after`. The plan lets inertia use up its margin, and the measured reserve is late.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator. With −2e5, a boosted
+    piston of mhsb_arm3 that stalls 0.5 mm below its reference gets no boost in place of its
+    plan's."""
     release_above: float = 4.5e5
     """Reserve in mode N above which a requested boost ends [Pa], 0 … 1e7.
 
@@ -167,8 +169,8 @@ class GovernorSettings(Record):
     min_rate: float = 0.05
     """Smallest rate of a plan while the arm can still move, however far the tip is behind, 0 … 1.
 
-    Origin: chosen, above `held_rate`. A reference that stood still would stop the integral and
-    the estimates that are to move the arm.
+    A plan below this rate counts as held. Origin: chosen. A reference that stood still would stop
+    the integral and the estimates that are to move the arm.
 
     30 % smaller and larger, N = 5: RMS error −3.9 and −3.0 % (mhsb_arm3), −3.7 and −0.7 %
     (excavator; overshoot +0.15 and −0.14 MPa)."""
@@ -181,12 +183,6 @@ class GovernorSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −3.8 and −0.2 % (mhsb_arm3), −1.3 and −0.9 %
     (excavator)."""
-    held_rate: float = 0.02
-    """Rate of the speed scaling below which a plan counts as held, 0 … 1.
-
-    Origin: chosen; the count only reports.
-
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     lift_error_ratio: float = 0.9
     """Distance of the tip from its reference beyond which a load has sagged, in usual errors, 0 …
     100.
@@ -338,7 +334,7 @@ def run_governor_step(g: GovernorState) -> bool:
     The requested rate is at least `min_rate`. It may be 0 only if the line of a moving actuator has
     less than `min_driving_pressure` beyond its load pressure. `update_rate` then moves the rate
     towards the requested one. The kernel also counts how often and how long the plan is slowed, and
-    how long it has been held.
+    how long it has been held: at a rate below `min_rate`, by a line that cannot move its actuator.
 
     Args:
         g: State of the governor. Writes `actuators`, `totals` and `speed_scaling` in place.
@@ -369,7 +365,8 @@ def run_governor_step(g: GovernorState) -> bool:
     if scaling.rate < 1.0:
         o.slowed += o.step
         o.slowings += 1.0 if before == 1.0 else 0.0
-    o.held = o.held + o.step if scaling.rate < settings.held_rate else 0.0
+    is_held = floor == 0.0 and scaling.rate < settings.min_rate
+    o.held = o.held + o.step if is_held else 0.0
     return changed
 
 
