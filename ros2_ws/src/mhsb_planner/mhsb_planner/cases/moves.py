@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import MhsbError, OutOfWorkspaceError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.cases.paper_cases import load_paper_cases
+from mhsb_planner.cases.paper_cases import PaperCase, load_paper_cases
+from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.planner import Planner
+from mhsb_planner.posture.s1_global_search import find_postures_at
 
 DEFAULT_SEED = 0
 """Default seed of random moves."""
@@ -30,31 +33,40 @@ class Move(NamedTuple):
     goal: Position
 
 
-def list_case_moves(machine: Machine) -> dict[str, Move]:
-    """Return the moves of the paper's Cases 1 to 4, without repetition.
+def list_distinct_cases() -> dict[str, PaperCase]:
+    """Return the paper's Cases 1 to 4 by name, such as `1-1`, without repetition.
 
-    Only cases with the planner `table` are used. Cases with equal start and goal give one move,
-    with the name and start posture of the first case.
+    Only cases with the planner `table` are used. Of cases with equal start and goal, only the first
+    one is returned.
+    """
+    first: dict[tuple[Position, Position], tuple[str, PaperCase]] = {}
+    for name, case in load_paper_cases().items():
+        if case.planner == "table":
+            first.setdefault((case.start, case.goal), (name, case))
+    return dict(first.values())
+
+
+def list_case_moves(machine: Machine) -> dict[str, Move]:
+    """Return the moves of the paper's Cases 1 to 4 that an arm can do, without repetition.
+
+    A case is left out if the arm cannot reach its start or its goal.
 
     Args:
         machine: The machine.
 
     Returns:
         Moves by case name, such as `1-1`. Empty if joint 1 slews, because the cases lie in a plane.
-
-    Raises:
-        InfeasibleGoalError: No posture within the joint limits reaches the start of a case.
     """
     if machine.slews:
         return {}
-    moves: dict[tuple[Position, Position], str] = {}
-    cases = load_paper_cases()
-    for name, case in cases.items():
-        if case.planner == "table":
-            moves.setdefault((case.start, case.goal), name)
-    return {
-        name: Move(cases[name].start_posture(machine), cases[name].goal) for name in moves.values()
-    }
+    moves = {}
+    for name, case in list_distinct_cases().items():
+        with suppress(OutOfWorkspaceError, InfeasibleGoalError):
+            machine.check_in_workspace(case.start)
+            machine.check_in_workspace(case.goal)
+            find_postures_at(machine, case.goal[0], case.goal[1])
+            moves[name] = Move(case.start_posture(machine), case.goal)
+    return moves
 
 
 def draw_random_position(machine: Machine, random: np.random.Generator) -> Position:

@@ -18,7 +18,7 @@ from mhsb_model.figure_style import BLACK, GREEN, GREY, PURPLE, open_figure
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.cases.moves import list_case_moves, yield_random_moves
+from mhsb_planner.cases.moves import list_case_moves, list_distinct_cases, yield_random_moves
 from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
@@ -59,11 +59,11 @@ def compare(
 ) -> None:
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
 
-    Arms that slew have random moves only. Motions of all planners are made by the same method: they
-    follow their paths with ramps. Energy models tell what the same moves would take with other
-    supplies: constant pressure, load sensing, pump control (docs/studies.md). Writes
-    DIR/records.json (energies in J, times in s, errors in mm), DIR/summary.json, DIR/supplies.md
-    and DIR/proportions.png.
+    Cases that the arm cannot reach are left out; arms that slew have random moves only. Motions of
+    all planners are made by the same method: they follow their paths with ramps. Energy models tell
+    what the same moves would take with other supplies: constant pressure, load sensing, pump
+    control (docs/studies.md). Writes DIR/records.json (energies in J, times in s, errors in mm),
+    DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
 
     Args:
         output: Folder for records, summary and figure.
@@ -101,6 +101,7 @@ def compare(
     }
     summary = {
         "weights": weights,
+        "unreachable_cases": list_unreachable_cases(arm, asked),
         "cases": summarize(cases),
         "random moves": summarize(others),
         "supplies": supplies,
@@ -113,7 +114,7 @@ def compare(
         print((output / "summary.json").read_text(encoding="utf-8"), end="")
         return
     print("\n".join(as_text(cases, summary)))
-    if cases:  # arms that slew have none
+    if cases:
         print(
             "\n".join(
                 format_energy_by_move([c.name for c in cases], [c.motions for c in cases], arm)
@@ -130,7 +131,7 @@ def list_compared_moves(machine: Machine, moves: int, truths: int) -> list[Compa
     cached. Worker processes then find all of them in the caches.
 
     Args:
-        machine: The arm. If it slews, there are no cases.
+        machine: The arm. Cases that it cannot reach are left out; if it slews, there are none.
         moves: Number of random moves.
         truths: Number of random moves for which the ground truth (the cheapest path by a long
             offline search) is searched as well: the first ones. It is searched for every case.
@@ -147,6 +148,17 @@ def list_compared_moves(machine: Machine, moves: int, truths: int) -> list[Compa
         for number, move in enumerate(yield_random_moves(planner, moves), start=1)
     ]
     return cases + others
+
+
+def list_unreachable_cases(machine: Machine, asked: Sequence[ComparedMove]) -> list[str]:
+    """List the names of the paper's cases that the arm cannot reach; none if joint 1 slews.
+
+    Args:
+        machine: The arm.
+        asked: Moves of the comparison, as `list_compared_moves` returns them.
+    """
+    names = {each.name for each in asked}
+    return [] if machine.slews else [name for name in list_distinct_cases() if name not in names]
 
 
 def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
@@ -203,21 +215,25 @@ def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
     """Format the results of a comparison as text.
 
     Args:
-        cases: Results for the paper's cases; empty if the arm slews.
+        cases: Results for the paper's cases that the arm can reach.
         summary: Dictionary whose keys `cases` and `random moves` have the results of `summarize`.
+            Its key `unreachable_cases` has the names of the cases that the arm cannot reach.
 
     Returns:
-        Lines without line breaks. If there are cases, the first line has the column titles. A line
-        for each case and planner follows. It has energies [J], duration [s], mode switches and
-        largest change of a joint in one step [rad]. If there is no plan, it has the reason instead.
-        The last lines have each planner's ratios to the baseline planner (geometric mean, least and
-        largest), separately for cases and random moves.
+        Lines without line breaks. Cases that the arm cannot reach have one line. If there are other
+        cases, a line has the column titles. A line for each case and planner follows. It has
+        energies [J], duration [s], mode switches and largest change of a joint in one step [rad].
+        If there is no plan, it has the reason instead. The last lines have each planner's ratios to
+        the baseline planner (geometric mean, least and largest), separately for cases and random
+        moves.
     """
     head = (
         "case  planner       path   planned   series  simulated [J]  least [J]  time [s]  switches"
         "  largest step [rad]"
     )
-    lines = [head] if cases else []
+    left_out = ", ".join(summary["unreachable_cases"])
+    lines = [f"left out, as the arm cannot reach them: cases {left_out}"] if left_out else []
+    lines += [head] if cases else []
     for case in cases:
         for kind, r in case.records.items():
             lines.append(

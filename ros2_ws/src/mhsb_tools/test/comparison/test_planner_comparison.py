@@ -13,7 +13,12 @@ from mhsb_planner.cases.moves import Move
 from mhsb_planner.planner import ENERGY_OPTIMAL
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_planner.posture.s1_global_search import find_postures_at
-from mhsb_tools.comparison.compare_command import as_text, draw_proportions, summarize
+from mhsb_tools.comparison.compare_command import (
+    as_text,
+    draw_proportions,
+    list_unreachable_cases,
+    summarize,
+)
 from mhsb_tools.comparison.planner_comparison import (
     ComparedMove,
     Comparison,
@@ -83,6 +88,15 @@ def test_arms_that_slew_are_compared_too() -> None:
         assert record.energy_path_j >= truth * 0.99
 
 
+def test_cases_are_called_unreachable_only_if_they_have_no_move(
+    machine: Machine,
+) -> None:
+    start = np.zeros(3)
+    asked = [ComparedMove(name, Move(start, (0.6, 0.1)), True) for name in ("1-1", "2-2", "1")]
+    assert list_unreachable_cases(machine, asked) == ["2-1", "3-1", "3-2", "4-1"]
+    assert list_unreachable_cases(load_machine(find_config_file("excavator.yaml")), []) == []
+
+
 def test_ratios_are_taken_of_moves_that_both_planners_have() -> None:
     double = replace(RECORD, energy_j=480.0, energy_series_j=500.0, energy_simulated_j=650.0)
     found = compute_ratios(
@@ -107,11 +121,16 @@ def test_the_summary_has_geometric_means_and_extremes(tmp_path: Path) -> None:
         )
         for factor in (0.5, 1.0)
     ]
-    summary = {"cases": summarize(moves), "random moves": summarize([])}
+    summary = {
+        "unreachable_cases": ["3-1", "3-2"],
+        "cases": summarize(moves),
+        "random moves": summarize([]),
+    }
     energy = summary["cases"]["integrated"]["energy"]
     assert energy["geometric_mean"] == pytest.approx(math.sqrt(0.5))
     assert (energy["least"], energy["largest"]) == (0.5, 1.0)
     text = "\n".join(as_text(moves, summary))
+    assert text.startswith("left out, as the arm cannot reach them: cases 3-1, 3-2\ncase  planner ")
     assert "no way" in text
     assert "0.707" in text
     draw_proportions(moves, [], tmp_path / "proportions.png")
