@@ -42,7 +42,9 @@ def draw_geometry(axes: Axes) -> None:
     """Draw the linkage at one joint angle, with the symbols of the equations."""
     pivot, base = place(BARS.rocker_pivot), place(BARS.parent_pin)
     child = place(BARS.child_pin, SHOWN)
-    x, z, *_ = four_bar.evaluate_four_bar(linkage.build_linkage_row(BARS), SHOWN)
+    x, z, *_ = four_bar.evaluate_four_bar(
+        linkage.build_linkage_row(BARS), math.cos(SHOWN), math.sin(SHOWN)
+    )
     tip, joint = pivot + 1e3 * np.array([x, z]), np.zeros(2)
     along = 160.0 * np.array([math.cos(SHOWN), math.sin(SHOWN)])
     for start, end, colour, width, name in (

@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import importlib.machinery
 import importlib.util
+import math
 import re
 import subprocess
 import sys
@@ -11,7 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from mhsb_model import command_line
+from mhsb_model.linkages.linkage import build_linkage_row, cylinder_length
+from mhsb_model.schema import FourBar
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.online.goal_planning import START_UP
@@ -24,6 +29,7 @@ from mhsb_tools.executables import SUBCOMMAND_TABLE
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
+LINKAGES = DOCS / "linkages.md"
 PAGES = [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 REMOTE = ("http://", "https://", "mailto:")
 
@@ -91,6 +97,35 @@ def test_a_page_that_follows_from_the_code_is_what_the_code_says(page, ros_domai
     written = script(DOCS / "reference.py").PAGES[page]()
     told = f"the page {page} is not what the code says; run: python docs/reference.py"
     assert (DOCS / page).read_text() == written, told
+
+
+def test_the_four_bar_search_of_the_page_finds_a_nearly_constant_moment_arm(capsys):
+    [words] = re.findall(r"python docs/four_bar_search\.py ([-\d ]+\d)", LINKAGES.read_text())
+    search = script(DOCS / "four_bar_search.py").search
+    assert command_line.run(search, words.split()) == 0
+    lower, upper, wanted, direction = map(float, words.split())
+    found = FourBar.model_validate(yaml.safe_load(capsys.readouterr().out))
+    angles = np.radians(np.linspace(lower, upper, 200))
+    row = build_linkage_row(found)
+    lengths = np.array([cylinder_length(row, angle) for angle in angles])
+    np.testing.assert_allclose(np.gradient(lengths, angles), 1e-3 * wanted, rtol=0.1)
+    assert math.degrees(found.parent_pin.angle) == pytest.approx(direction)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("-110 40 -45", "four_bar_search: missing DIRECTION"),
+        ("40 -110 -45 165", "LOWER 40° must be below UPPER -110°"),
+        ("-110 40 0 165", "ARM must not be 0 mm"),
+        ("-110 40 -45 back", "DIRECTION takes"),
+    ],
+)
+def test_the_four_bar_search_refuses_bad_numbers_in_one_sentence(capsys, words, sentence):
+    search = script(DOCS / "four_bar_search.py").search
+    assert command_line.run(search, words.split(), name="four_bar_search") == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert sentence in line
 
 
 @pytest.fixture(scope="module")
