@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from mhsb_model.linkages import four_bar, linkage
-from mhsb_model.schema import AnyJoint, FourBar, MachineConfig, unit_of
+from mhsb_model.schema import AnyJoint, FourBar, MachineConfig, SliderCrank, unit_of
 from mhsb_model.types import FloatArray
 
 SMALLEST_ARM_RATIO = 0.25
@@ -98,16 +98,97 @@ def _check_moment_arm(path: str, joint: AnyJoint) -> list[str]:
     Returns:
         One string `path: sentence` if the rule is broken, else an empty list.
     """
-    row = linkage.build_linkage_row(joint.linkage)
-    least, largest = linkage.moment_arm_range(row, joint.limits.lower, joint.limits.upper)
-    weakest = 0.0 if least * largest <= 0 else min(abs(least), abs(largest))
-    needed = SMALLEST_ARM_RATIO * max(abs(least), abs(largest))
+    weakest, needed = _compute_arm_and_need(joint)
     if weakest >= needed:
         return []
     return [
         f"{path}.limits: the moment arm falls to {weakest:.4g} m within {_format_limits(joint)}, "
         f"it must stay above {needed:.4g} m: narrow the limits or move the pins"
+        f"{_suggest_limits(joint)}{_suggest_angle(joint)}"
     ]
+
+
+def _compute_arm_and_need(joint: AnyJoint) -> tuple[float, float]:
+    """Compute the smallest moment arm of a joint within its limits, and how large it must be.
+
+    Args:
+        joint: Joint section of the file.
+
+    Returns:
+        Smallest magnitude of the moment arm, 0 if its sign changes, and the least allowed one [m].
+    """
+    row = linkage.build_linkage_row(joint.linkage)
+    least, largest = linkage.moment_arm_range(row, joint.limits.lower, joint.limits.upper)
+    weakest = 0.0 if least * largest <= 0 else min(abs(least), abs(largest))
+    return weakest, SMALLEST_ARM_RATIO * max(abs(least), abs(largest))
+
+
+def _find_usable_range(row: FloatArray, lower: float, upper: float) -> tuple[float, float]:
+    """Find the range of joint angles around the largest moment arm in which it stays large enough.
+
+    Args:
+        row: Numbers of the linkage, from `build_linkage_row`.
+        lower: Lower end of the range that is searched [rad].
+        upper: Upper end of that range [rad].
+
+    Returns:
+        Ends of the range in which the moment arm keeps its sign and is at least SMALLEST_ARM_RATIO
+        times its largest [rad].
+    """
+    angles = linkage.angle_grid(lower, upper)
+    arms = linkage.evaluate_linkage_at_angles(row, angles)[:, 1]
+    peak = int(np.argmax(np.abs(arms)))
+    weak = np.flatnonzero(arms / arms[peak] < SMALLEST_ARM_RATIO)
+    first = weak[weak < peak].max(initial=-1) + 1
+    last = weak[weak > peak].min(initial=len(angles)) - 1
+    return float(angles[first]), float(angles[last])
+
+
+def _suggest_limits(joint: AnyJoint) -> str:
+    """Return a clause with limits that the joint's pins allow, within those of the file [rad].
+
+    Args:
+        joint: Joint section of the file.
+
+    Returns:
+        The clause, its numbers rounded inwards; empty if no range is left by that.
+    """
+    row = linkage.build_linkage_row(joint.linkage)
+    low, high = _find_usable_range(row, joint.limits.lower, joint.limits.upper)
+    low, high = (rounded(1e3 * q) / 1e3 for rounded, q in ((math.ceil, low), (math.floor, high)))
+    if low >= high:
+        return ""
+    return f"; with these pins [{low:g}, {high:g}] rad is possible"
+
+
+def _suggest_angle(joint: AnyJoint) -> str:
+    """Return a clause with the angle of a slider-crank's child pin that allows a joint's limits.
+
+    In the middle between the limits, the angle between the pins is then in the middle of the range
+    that their radii allow. The moment arm keeps the sign that its largest value has.
+
+    Args:
+        joint: Joint section of the file.
+
+    Returns:
+        The clause; empty for other linkages, or if no angle of the pin allows the limits.
+    """
+    crank, limits = joint.linkage, joint.limits
+    if not isinstance(crank, SliderCrank):
+        return ""
+    pins = [pin.model_copy(update={"angle": 0.0}) for pin in (crank.parent_pin, crank.child_pin)]
+    in_line = crank.model_copy(update=dict(zip(("parent_pin", "child_pin"), pins, strict=True)))
+    between = sum(_find_usable_range(linkage.build_linkage_row(in_line), 0.0, math.pi)) / 2.0
+    arms = linkage.moment_arm_range(linkage.build_linkage_row(crank), limits.lower, limits.upper)
+    turned = math.copysign(between, sum(arms)) - 0.5 * (limits.lower + limits.upper)
+    angle = round(math.remainder(crank.parent_pin.angle + turned, 2.0 * math.pi), 3)
+    child_pin = crank.child_pin.model_copy(update={"angle": angle})
+    changed = crank.model_copy(update={"child_pin": child_pin})
+    other = joint.model_copy(update={"linkage": changed})
+    weakest, needed = _compute_arm_and_need(other)
+    if weakest >= needed and not _check_stroke("", other):
+        return f"; child_pin.angle {angle:g} rad allows these limits"
+    return ""
 
 
 def _check_stroke(path: str, joint: AnyJoint) -> list[str]:

@@ -77,3 +77,46 @@ def test_slider_cranks_have_to_keep_the_same_rules(machine):
     content["joints"][0]["linkage"]["parent_pin"]["radius"] = 0.11
     with pytest.raises(MachineFileError, match="below twice its shortest length"):
         Machine.from_config(MachineConfig.model_validate(content))
+
+
+@pytest.fixture
+def refused_crank(slider_crank_machine):
+    """Slider-crank of which child pin's angle is wrong by 0.6 rad, and the sentence about it."""
+    content = slider_crank_machine.config.model_dump(mode="json")
+    content["joints"][0]["linkage"]["child_pin"]["angle"] += 0.6
+    with pytest.raises(MachineFileError) as caught:
+        Machine.from_config(MachineConfig.model_validate(content))
+    [sentence] = caught.value.problems
+    return content, sentence
+
+
+def test_limits_that_a_refusal_names_are_accepted_and_no_wider_ones(refused_crank):
+    content, sentence = refused_crank
+    low, high = map(
+        float, re.search(r"these pins \[(.+), (.+)\] rad is possible", sentence).groups()
+    )
+    limits = content["joints"][0]["limits"]
+    assert (low, high) != (limits["lower"], limits["upper"])
+    content["simulation"]["start_posture"][0] = 0.5 * (low + high)
+    wider = (max(low - 0.01, limits["lower"]), min(high + 0.01, limits["upper"]))
+    limits["lower"], limits["upper"] = low, high
+    Machine.from_config(MachineConfig.model_validate(content))
+    limits["lower"], limits["upper"] = wider
+    with pytest.raises(MachineFileError, match="moment arm"):
+        Machine.from_config(MachineConfig.model_validate(content))
+
+
+def test_the_angle_of_a_pin_that_a_refusal_names_allows_the_limits(refused_crank):
+    content, sentence = refused_crank
+    angle = float(re.search(r"child_pin\.angle (.+) rad allows these limits", sentence)[1])
+    content["joints"][0]["linkage"]["child_pin"]["angle"] = angle
+    Machine.from_config(MachineConfig.model_validate(content))
+
+
+def test_no_angle_is_named_if_none_allows_the_limits(refused_crank):
+    content, _ = refused_crank
+    content["joints"][0]["limits"] |= {"lower": -1.4, "upper": 1.4}
+    with pytest.raises(MachineFileError) as caught:
+        Machine.from_config(MachineConfig.model_validate(content))
+    assert "allows these limits" not in str(caught.value)
+    assert "is possible" in str(caught.value)
