@@ -35,8 +35,6 @@ This residual does not depend on the gain of the curve.
 Source: L. Ljung, System Identification (recursive least squares; delay by a grid of candidates).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

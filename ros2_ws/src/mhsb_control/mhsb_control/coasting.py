@@ -1,7 +1,5 @@
 """Coasting of a servo pump after a stop command, and the largest flow for a stop in time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Delay of commands in whole steps: values that were sent, and the one that acts now."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel

@@ -1,7 +1,5 @@
 """Errors of the controllers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

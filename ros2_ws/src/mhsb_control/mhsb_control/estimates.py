@@ -1,7 +1,5 @@
 """Estimates of a servo: values, uncertainty, and whether they are known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

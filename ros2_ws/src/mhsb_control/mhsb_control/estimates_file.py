@@ -4,8 +4,6 @@ The file is readable YAML in SI units; commands are shares of the full command. 
 one machine, with the same name and hash (`Machine.planning_hash`).
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

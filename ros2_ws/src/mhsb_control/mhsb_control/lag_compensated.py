@@ -27,8 +27,6 @@ Source: O. J. M. Smith, Closer control of loops with dead time (1957); Z. Artste
 with delayed controls (1982); M. Jelali, A. Kroll, Hydraulic Servo-systems (dead band compensation).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Strokes, torques and rates of a machine: the units of tuned numbers without dimension."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_control.natural_frequency import draw_postures

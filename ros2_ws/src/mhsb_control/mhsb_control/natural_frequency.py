@@ -1,7 +1,5 @@
 """Natural frequencies of the arm on the oil in its cylinders. The gains are computed from them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.circuit.constants import build_cylinders

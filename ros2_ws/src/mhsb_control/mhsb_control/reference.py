@@ -1,7 +1,5 @@
 """The reference of the servo: a trajectory and its mode schedule, evaluated now and ahead."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Registered controllers, and the schema of a machine file that includes their gains."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

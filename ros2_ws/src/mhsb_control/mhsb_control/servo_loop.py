@@ -4,8 +4,6 @@ The servo knows neither simulator nor ROS. The caller writes sensor readings int
 takes the commands from the signals.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Stability of the cascade: decay of its linear control loop in random postures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_control.cascade import CascadeGains, ControlAxis, build_axis_records

@@ -5,8 +5,6 @@ of its modules. If it imported all public names at once, even a command's `--hel
 whole suite.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable, Mapping

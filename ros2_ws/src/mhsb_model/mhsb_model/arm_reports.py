@@ -1,7 +1,5 @@
 """Reports of an arm, or of its simulator: the fate of plans, and the arm's own state."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

@@ -1,7 +1,5 @@
 """The machine's numbers as flat arrays, the form that numba kernels take."""
 
-from __future__ import annotations
-
 from operator import attrgetter
 from typing import NamedTuple
 

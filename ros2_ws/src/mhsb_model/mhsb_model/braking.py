@@ -5,8 +5,6 @@ continuous up to the acceleration. Braking is used for a planned stop, and for a
 first reverse the present motion.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.machine import Machine

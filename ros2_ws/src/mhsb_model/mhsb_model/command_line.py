@@ -11,8 +11,6 @@ that the user can cause is printed as one sentence on standard error. The exit c
                141  the reader of the output went away; nothing is printed
 """
 
-from __future__ import annotations
-
 import errno
 import inspect
 import math

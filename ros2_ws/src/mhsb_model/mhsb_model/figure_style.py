@@ -4,8 +4,6 @@ matplotlib is imported only when a figure is made, since the import takes time. 
 without pyplot, which would need a screen and keep global state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise

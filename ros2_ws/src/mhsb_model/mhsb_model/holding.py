@@ -4,8 +4,6 @@ An actuator holds in mode N if the main pump's pressure P_S carries its load, ot
 these modes the servo can compensate leakage, so no load sags.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays

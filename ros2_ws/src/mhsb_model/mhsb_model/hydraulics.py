@@ -8,8 +8,6 @@ valve, Q = K √Δp.
 Source: paper, Section 2.1, extended to the unequal areas of the cylinder.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple, TypeVar
 

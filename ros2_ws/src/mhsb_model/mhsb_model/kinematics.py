@@ -8,8 +8,6 @@ turns nothing. It extends its link by qⱼ, so the tip of the link moves along t
 link before.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ A mode combination (pattern) has one mode for each actuator. It occupies the sum
 modules allow 23 combinations of three joints (paper, Section 3).
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Collection, Sequence
 from enum import IntEnum

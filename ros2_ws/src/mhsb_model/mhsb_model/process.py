@@ -12,8 +12,6 @@ Closing a terminal sends SIGHUP. It has the same effect as SIGTERM, unless it wa
 process began, as under `nohup`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import faulthandler
 import importlib

@@ -4,8 +4,6 @@ All values are SI. Unknown keys and non-finite numbers are refused. Rules that c
 values are in `files.machine_rules`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal
 

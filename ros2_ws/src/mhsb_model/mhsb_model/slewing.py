@@ -9,8 +9,6 @@ position (x', z') is
 For an arm that does not slew, positions in the plane and in `base_link` are the same (x, z).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

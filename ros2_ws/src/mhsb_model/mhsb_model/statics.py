@@ -3,8 +3,6 @@
 The "torque" of a sliding joint is the force along its link [N].
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

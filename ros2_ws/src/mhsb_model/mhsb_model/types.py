@@ -1,7 +1,5 @@
 """Array types used throughout the suite."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Verdicts on goals, outcomes of their executions, and the severity of both."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 

@@ -3,8 +3,6 @@
 Coordinates are in the arm's plane; the origin is joint 1, or joint 2 if joint 1 slews.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

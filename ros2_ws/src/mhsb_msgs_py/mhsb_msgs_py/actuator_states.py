@@ -5,8 +5,6 @@ plotting tools show by name. So each quantity is an entry such as `actuator_1/ca
 value in SI units is in `position`. `velocity` and `effort` stay empty.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

@@ -1,7 +1,5 @@
 """Checks of messages with named joints, which decoders call; each error names the problem."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 

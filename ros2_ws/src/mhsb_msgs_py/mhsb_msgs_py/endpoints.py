@@ -7,8 +7,6 @@ suite's own publishers and subscriptions have no events; the other end logs a mi
 Subscriptions to topics on which people publish by hand keep the events.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

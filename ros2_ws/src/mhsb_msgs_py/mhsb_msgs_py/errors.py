@@ -1,7 +1,5 @@
 """Errors for messages that cannot be used."""
 
-from __future__ import annotations
-
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Verdict

@@ -5,8 +5,6 @@ Each number is an entry whose value is in `position`. An estimate has three entr
 the motion so far has not determined the estimate. `velocity` and `effort` stay empty.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Sequence
 

@@ -5,8 +5,6 @@ stop the arm. `guarded_executor` reports the faults of callbacks that the execut
 callbacks are wrapped by `Faults.wrap`.
 """
 
-from __future__ import annotations
-
 import functools
 import re
 import time

@@ -8,8 +8,6 @@ zeros is accepted. An orientation with NaN is refused, since it shows a faulty s
 identifies the goal.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

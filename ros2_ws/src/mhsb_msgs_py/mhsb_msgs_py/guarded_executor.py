@@ -5,8 +5,6 @@ taken, rclpy never frees the callback group again. This executor records each fa
 `faults`. A client that waits for an answer gets one, and the node goes on.
 """
 
-from __future__ import annotations
-
 import functools
 import warnings
 from collections.abc import Callable, Coroutine, Sequence

@@ -1,7 +1,5 @@
 """Codec of `JointSample` as sensor_msgs/JointState."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass

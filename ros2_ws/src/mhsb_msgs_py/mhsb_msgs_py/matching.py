@@ -6,8 +6,6 @@ only logs an event. `MatchingSubscriptions` opens a second subscription with the
 quality of service. The first one remains for all other publishers.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field

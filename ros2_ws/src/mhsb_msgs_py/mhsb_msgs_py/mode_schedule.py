@@ -3,8 +3,6 @@
 Positions are exactly 0, 1 or 2 for N, DB, SB. Each point holds until the next one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Codec of the modes in force, uint8[actuators], as std_msgs/UInt8MultiArray."""
 
-from __future__ import annotations
-
 from array import array
 
 import numpy as np

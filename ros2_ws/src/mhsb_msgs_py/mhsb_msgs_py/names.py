@@ -1,7 +1,5 @@
 """Names on the ROS graph: nodes, services, frames, joints and actuators."""
 
-from __future__ import annotations
-
 PLANNER_NODE = "mhsb_planner"
 SIM_NODE = "mhsb_sim"
 

@@ -1,7 +1,5 @@
 """Process of a node: start, spin, and a clean end on SIGINT or SIGTERM."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Declaration of the nodes' parameters, with description and range."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Codec of `GoalVerdict` and `ExecutionReport` as statuses of diagnostic_msgs/DiagnosticArray."""
 
-from __future__ import annotations
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 

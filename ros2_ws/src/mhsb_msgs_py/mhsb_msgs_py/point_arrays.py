@@ -13,8 +13,6 @@ refused. A point ends 4 bytes beyond a multiple of 8 if it has positions alone, 
 velocities and accelerations. The next point then needs no padding. rclpy decodes all other layouts.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass

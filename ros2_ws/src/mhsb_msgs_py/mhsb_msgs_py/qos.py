@@ -1,7 +1,5 @@
 """Quality of service of the suite's topics and services."""
 
-from __future__ import annotations
-
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 

@@ -1,7 +1,5 @@
 """Codec of `Reference` as trajectory_msgs/JointTrajectory with one point."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ is also sent at once if a fault occurs, if a warning begins or ends, and if the 
 stop.
 """
 
-from __future__ import annotations
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 

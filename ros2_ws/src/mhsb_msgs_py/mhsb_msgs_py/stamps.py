@@ -1,7 +1,5 @@
 """Times and durations of ROS as integer nanoseconds, without loss."""
 
-from __future__ import annotations
-
 from builtin_interfaces.msg import Duration, Time
 
 from mhsb_model.trajectory import SECOND_NS

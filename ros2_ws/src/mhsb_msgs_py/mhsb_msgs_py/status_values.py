@@ -4,8 +4,6 @@ All values are strings: numbers as Python writes them, without loss, and times a
 decimals.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from enum import StrEnum

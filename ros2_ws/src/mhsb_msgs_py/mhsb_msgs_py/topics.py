@@ -4,8 +4,6 @@ Names are relative, so that namespaces and remaps work. Only /clock and /diagnos
 as everywhere in ROS.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -7,8 +7,6 @@ joint_trajectory_controller. Sender and receiver join the points by the same qui
 For long messages this is many times faster than rclpy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Command `build_table`, which computes the posture table of a machine and stores it."""
 
-from __future__ import annotations
-
 import json as json_format
 import sys
 import time

@@ -1,7 +1,5 @@
 """Errors of planning. Each has a message of one sentence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

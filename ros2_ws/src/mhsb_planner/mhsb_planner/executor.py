@@ -5,8 +5,6 @@ the interpreter lock. If a cluster is given, it executes both. Results do not de
 number of workers.
 """
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import operator

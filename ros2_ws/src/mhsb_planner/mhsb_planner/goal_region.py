@@ -4,8 +4,6 @@ Regions are given by offsets from the goal. The goal belongs to the region. Plan
 of the region: the goal, and points about REGION_SPACING apart, up to the edge of the region.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 

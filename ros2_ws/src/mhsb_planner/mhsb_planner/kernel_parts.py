@@ -8,8 +8,6 @@ its step graph. `mhsb plan` compiles only the parts that its planner and obstacl
 node compiles all of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 

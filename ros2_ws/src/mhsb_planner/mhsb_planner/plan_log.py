@@ -1,7 +1,5 @@
 """Log of the making of one plan: the proposed paths and the outcome of each."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

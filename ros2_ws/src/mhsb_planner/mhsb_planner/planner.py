@@ -10,8 +10,6 @@ trajectory (S3) and its mode schedule (S4). The cheapest motion becomes the plan
 found early, and cheaper motions as long as there is time.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterable

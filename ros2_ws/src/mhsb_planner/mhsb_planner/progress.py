@@ -1,7 +1,5 @@
 """State of the planning loop that the searches for paths read: deadlines, and progress so far."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """CSV and JSON files that are written completely or not at all."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

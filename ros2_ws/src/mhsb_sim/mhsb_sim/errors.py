@@ -1,7 +1,5 @@
 """Errors of the simulator."""
 
-from __future__ import annotations
-
 from mhsb_model.errors import ArgumentError, MachineFileError, MhsbError
 
 

@@ -4,8 +4,6 @@
 the same command. A subcommand's module is imported only if it is started.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Combination of the schedule's modes with the boost that the reference governor requests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from mhsb_model.modes import BOOSTED_MODES, MODE_RANKS, Mode, choose_stronger_modes, count_modules

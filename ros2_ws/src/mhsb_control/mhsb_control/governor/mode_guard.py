@@ -1,7 +1,5 @@
 """The mode guard of a servo: runs the reference governor, selects modes in force, and reports."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

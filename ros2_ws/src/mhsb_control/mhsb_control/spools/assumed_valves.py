@@ -1,7 +1,5 @@
 """Positions of join valves and diverters, which the servo assumes because they have no sensors."""
 
-from __future__ import annotations
-
 from mhsb_model.circuit.components import Components
 from mhsb_model.circuit.elements import advance_first_order_lag
 from mhsb_model.kernels.kernel import kernel

@@ -1,7 +1,5 @@
 """Components of a machine's hydraulic circuit, as its machine file describes them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Constants and initial states of the circuit's components, computed from the machine file."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynam
 error of a second-order system for a ramp).
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.machine import Machine

@@ -9,8 +9,6 @@ Sources: H. E. Merritt, Hydraulic Control Systems (orifices, chambers, servo val
 paper, Section 1 (servo pump, check valve and switching valve of a booster module).
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.circuit.quantities import CircuitConstants, CylinderConstants

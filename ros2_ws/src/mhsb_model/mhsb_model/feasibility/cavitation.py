@@ -8,8 +8,6 @@ cause cavitation: the anti-cavitation valves then fill the chamber from the tank
 stiff during that time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

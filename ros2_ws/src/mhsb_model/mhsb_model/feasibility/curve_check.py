@@ -16,8 +16,6 @@ neighbouring roots of its derivative. In each such interval, false position find
 Source: Farin, Curves and Surfaces for CAGD, Chapter 5.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import IntEnum

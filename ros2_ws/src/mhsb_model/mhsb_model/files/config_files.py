@@ -1,7 +1,5 @@
 """Locations of the files in the suite's config folder."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Machine files: how they are found by path or name, and read."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from typing import Any

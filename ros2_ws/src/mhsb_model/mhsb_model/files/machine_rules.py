@@ -4,8 +4,6 @@ Each function checks the rules of one part of the file. All rules are checked be
 reported. A broken rule is one string, `path: sentence`, with the path of the value in the file.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from mhsb_model.errors import suggest_unit_of_number

@@ -1,7 +1,5 @@
 """Folders for results, created before the work, and replacement of files as a whole."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Messages for content that a schema has refused: path, value, limit and remedy."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import re

@@ -1,7 +1,5 @@
 """Access to nested content by dotted paths such as `circuit.bulk_modulus` or `joints.0.kind`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from mhsb_model.errors import MhsbError

@@ -4,8 +4,6 @@ A wrong path may lead to any file, even one with passwords. An error message may
 end up in a log.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

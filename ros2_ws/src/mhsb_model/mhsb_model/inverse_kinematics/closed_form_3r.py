@@ -7,8 +7,6 @@ In a chain with more joints, the functions apply to the last three joints. Tip a
 in the frame of the link before these joints (`tip_postures.transform_tip_to_outer_frame`).
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.arrays import MachineArrays

@@ -15,8 +15,6 @@ All functions work in the arm's plane, with the origin at its first joint. For a
 they take the arrays of `Machine.planar_arm`, which leave out the slew.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

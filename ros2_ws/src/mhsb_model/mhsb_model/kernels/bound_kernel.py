@@ -5,8 +5,6 @@ spends most of each call on determining these types. With bound arguments, the t
 only once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

@@ -5,8 +5,6 @@ another file, numba would silently use old machine code. So the folder's name is
 all files of the suite that contain kernels, constants for them, or the decorator.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import logging

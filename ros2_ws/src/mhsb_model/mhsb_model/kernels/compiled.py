@@ -10,8 +10,6 @@ and optimized again there. So each kernel has two dispatchers. Calls by other ke
 dispatcher, whose versions are lightly optimized and have no wrappers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache

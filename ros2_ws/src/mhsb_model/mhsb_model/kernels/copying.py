@@ -6,8 +6,6 @@ Kernels that call such a kernel get the message too. Compiling the message takes
 compiling most kernels.
 """
 
-from __future__ import annotations
-
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import BoolArray, FloatArray, ModeArray
 

@@ -7,8 +7,6 @@ Numba is imported when the first kernel is called, since its import takes half a
 that prints its help or refuses its arguments calls no kernel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property, partial, update_wrapper
 from threading import Lock

@@ -9,8 +9,6 @@ If a release of numba lacks the attributes that this module uses, numba's own, s
 used, and `test_machine_code.py` fails.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite.binding import parse_assembly

@@ -6,8 +6,6 @@ If two processes need the same kernel, one of them waits (`shared_cache`). So no
 together compile each kernel only once.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import logging

@@ -9,8 +9,6 @@ Numba reads and writes these files. Each dispatcher has its own folder, to which
 lock and the hashes of the compiled versions.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import logging

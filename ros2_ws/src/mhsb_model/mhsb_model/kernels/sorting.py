@@ -4,8 +4,6 @@ Numba's own `ndarray.sort` is compiled again with each kernel that calls it. Thi
 longer than compiling most kernels.
 """
 
-from __future__ import annotations
-
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 

@@ -8,8 +8,6 @@ visit them again and again, for an eighth of the processor time, so it is switch
 of all parts of the planner takes less memory than one part.
 """
 
-from __future__ import annotations
-
 import gc
 import importlib
 import os

@@ -19,8 +19,6 @@ Source: loop closure, R. L. Norton, Design of Machinery, Sections 4.5, 4.10 (tra
 6.7 (velocities).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

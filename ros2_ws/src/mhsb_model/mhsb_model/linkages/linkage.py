@@ -9,8 +9,6 @@ describes the cylinder of a telescope, with q in m and r = 1, and the drive of a
 pitch radius r.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

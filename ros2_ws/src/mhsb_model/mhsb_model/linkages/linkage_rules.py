@@ -3,8 +3,6 @@
 Linkages are evaluated on a 0.1° grid of the joint angle.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

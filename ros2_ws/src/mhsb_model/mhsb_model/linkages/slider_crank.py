@@ -9,8 +9,6 @@ Kernels take a linkage as a row of numbers. Element 0 is the kind of linkage, 1 
 u v cos θ₀ and 3 is u v sin θ₀ [m²].
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.kernels.kernel import kernel

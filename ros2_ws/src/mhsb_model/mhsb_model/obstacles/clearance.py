@@ -21,8 +21,6 @@ if it slews. Obstacles are rows of numbers; `zones` describes the columns.
 Source: Lipschitz bound of the distance function, as in conservative advancement (Mirtich, 1996).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ The distance is a convex function of the point, and therefore also along a line.
 search finds its least value.
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.kernels.kernel import kernel

@@ -16,8 +16,6 @@ least √((r − ρ)² + (z' − z)²). So a posture that keeps c from a shadow 
 part of the plane behind the axis meets the zones of the opposite sector, mirrored.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

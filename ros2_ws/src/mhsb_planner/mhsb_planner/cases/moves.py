@@ -1,7 +1,5 @@
 """Moves by which planners are compared and timed: moves of the paper's cases and random moves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The paper's cases (Table 2): start, goal, weights and planner of each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

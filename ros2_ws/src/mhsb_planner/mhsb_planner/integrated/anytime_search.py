@@ -6,8 +6,6 @@ mostly costs as little as a path from a fine lattice. Fine lattices are searched
 and while a cheaper path is possible.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Numba would compile `heapq`, with lists and their error messages, again for each
 it.
 """
 
-from __future__ import annotations
-
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray
 

@@ -11,8 +11,6 @@ with energy E [J], time T [s], the number of mode switches and the manipulabilit
 cannot hold its load. Switches at the end of the path to the modes that hold the arm also count.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

@@ -7,8 +7,6 @@ all joints except the two that close the chain are sampled evenly. If ψ is pres
 chain, values of ψ are sampled instead.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

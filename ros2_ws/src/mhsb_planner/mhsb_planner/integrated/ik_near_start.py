@@ -7,8 +7,6 @@ and the rest keep their start positions. There is a curve for each choice of the
 curve, the posture with the least lower bound on the cost is added.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ The first admissible straight line is yielded at once, later paths as they are f
 deadline.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -3,8 +3,6 @@
 Every function returns an enclosure: all possible values lie in the range, which may be too wide.
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.arrays import MachineArrays

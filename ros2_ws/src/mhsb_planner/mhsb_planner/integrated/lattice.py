@@ -10,8 +10,6 @@ Each step then moves the arm about equally far. With equal spacing in lengths it
 millimetre of some cylinders moves the tip by 40 mm.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import NamedTuple

@@ -10,8 +10,6 @@ discarded. Only reached points have a place in the search's memory (`lattice_poi
 lattice therefore takes little time to create.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -20,8 +20,6 @@ each link. With telescopes a cell holds intervals of all joints that do not clos
 (`telescope_cells`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

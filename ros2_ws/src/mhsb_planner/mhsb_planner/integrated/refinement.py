@@ -4,8 +4,6 @@ A change is kept only if it makes the whole path cheaper. The path therefore nev
 and the improvement can end after any change.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

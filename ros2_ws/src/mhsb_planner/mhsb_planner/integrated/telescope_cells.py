@@ -14,8 +14,6 @@ a link is longer or shorter by h than its middle length, its end moves by at mos
 by at most h, and φ by at most asin(h/R).
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.arrays import MachineArrays

@@ -4,8 +4,6 @@ A cylinder cavitates if its load drives the piston faster than oil can fill the 
 The criterion is in `mhsb_model.feasibility.cavitation`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.feasibility.cavitation import Cavitation, find_cavitating, summarize_cavitation

@@ -38,8 +38,6 @@ The second is the flow that cylinder, valve and the gaps of the pump take during
 not in use before, the actuators that join it also charge its volume, in equal parts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np

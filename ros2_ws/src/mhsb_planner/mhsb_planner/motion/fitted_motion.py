@@ -1,7 +1,5 @@
 """A motion that was fitted to a discrete path: trajectory, modes, energy and deviations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """A motion as a table over time, and its modes in words."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import chain
 

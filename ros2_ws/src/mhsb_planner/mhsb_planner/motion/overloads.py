@@ -6,8 +6,6 @@ boost pressure is then commanded, because it leaves the smallest pressure differ
 valve. The servo can only lower the load, which may also sag.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Conversion between motions of the joints and motions of the pistons."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays

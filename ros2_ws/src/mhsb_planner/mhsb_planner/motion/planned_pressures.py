@@ -1,7 +1,5 @@
 """Planned supply pressures of a motion, in each actuator's line."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.hydraulics import (

@@ -3,8 +3,6 @@
 The ramps of a motion cut the path's corners. At a rest the motion reaches the posture exactly.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -18,8 +18,6 @@ if it slows down, if both speeds stay within V_max. δ is 0 if the limits allow 
 grows until the jerks of both ramps together keep the limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

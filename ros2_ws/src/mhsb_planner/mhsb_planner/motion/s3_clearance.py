@@ -8,8 +8,6 @@ distance V · 1 ms. The clearance is then also positive between the checks.
 Source: Mirtich, Impulse-based Dynamic Simulation, 1996, Section 2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

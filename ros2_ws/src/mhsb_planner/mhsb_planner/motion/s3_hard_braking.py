@@ -6,8 +6,6 @@ deceleration |v|/T₁ and the jerk |v|/(T₁T₂), with the speed v of the faste
 braking of `mhsb_model.braking` uses another curve.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

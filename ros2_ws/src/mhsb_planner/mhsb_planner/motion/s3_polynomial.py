@@ -6,8 +6,6 @@ boundary conditions for any coefficients c_i. The c_i are a least-squares fit to
 velocities of the discrete path.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -4,8 +4,6 @@ A motion along a discrete path has a factor on the duration of each step. If a l
 some instants, only the factors of the steps around these instants become larger.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.machine import Machine

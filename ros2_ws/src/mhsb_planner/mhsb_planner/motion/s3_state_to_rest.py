@@ -15,8 +15,6 @@ from
 Source: Biagiotti, Melchiorri, Trajectory Planning for Automatic Machines and Robots, Section 3.4.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -21,8 +21,6 @@ longer until the pressures suffice. A standstill is added at the end of a motion
 would otherwise be switched twice within too short a time.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Conversion of smooth curves to the points of a trajectory."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Check of via points: points that the tip passes on its way, each within a given distance."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.types import FloatArray

@@ -5,8 +5,6 @@ example in a simulator. So times of plans are computed by the arm's clock. The s
 planner's own clock, which is never set.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

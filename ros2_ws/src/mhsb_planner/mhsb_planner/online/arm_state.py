@@ -3,8 +3,6 @@
 The steady clock is the planner's own clock, which is never set.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

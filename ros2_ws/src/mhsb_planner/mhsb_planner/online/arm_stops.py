@@ -1,7 +1,5 @@
 """Stops of the arm by its own service ~/stop, and goals that such a stop makes void."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 

@@ -7,8 +7,6 @@ at any time between stamp and change. All times are in the time of plans: the ar
 delay that speed scaling has caused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ for improving a plan; a plan is improved in the time that is left of the horizon
 larger weights. So a horizon that has become long under load is short again after a few plans.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import NamedTuple
 

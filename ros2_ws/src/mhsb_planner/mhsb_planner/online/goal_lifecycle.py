@@ -14,8 +14,6 @@ command. At its change, one commit horizon later, it deviates from the previous 
 plans is the arm's clock minus the delay that speed scaling has caused.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -5,8 +5,6 @@ stamp of a command until it deviates from the previous command. The time of plan
 minus the delay that speed scaling has caused.
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.arm_reports import HandOverReason

@@ -3,8 +3,6 @@
 A verdict has a code and a sentence, which follow from the plan or from the error of planning.
 """
 
-from __future__ import annotations
-
 from mhsb_model.errors import MhsbError, OutOfWorkspaceError
 from mhsb_model.goal import Goal, format_position
 from mhsb_model.verdict import (

@@ -4,8 +4,6 @@
 and compares state and report with the table. `docs/goal_states.md` is written from the table.
 """
 
-from __future__ import annotations
-
 from enum import Enum
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ goals are not used. A plan ends at the place where the goal will be a little lat
 any moment.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

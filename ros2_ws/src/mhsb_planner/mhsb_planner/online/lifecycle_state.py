@@ -3,8 +3,6 @@
 All parts of the goal lifecycle share this state. Its methods move goals from stage to stage.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

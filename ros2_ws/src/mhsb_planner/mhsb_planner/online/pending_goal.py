@@ -1,7 +1,5 @@
 """Record of a goal from its receipt to its end: reports sent, plans tried, own settings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@ A command is a joint trajectory with its mode schedule. The time of plans is the
 the delay that speed scaling has caused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Interface that the goal lifecycle needs: clocks, and an outbox for its decisions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

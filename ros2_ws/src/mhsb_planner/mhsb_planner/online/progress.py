@@ -3,8 +3,6 @@
 The time of plans is the arm's clock minus the delay that speed scaling has caused.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.command import Command

@@ -1,7 +1,5 @@
 """Detector of a measured standstill of the arm."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

@@ -1,7 +1,5 @@
 """Settings by which plans are made and goals are judged, and the choice of the payload."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

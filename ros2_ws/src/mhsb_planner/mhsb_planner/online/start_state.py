@@ -7,8 +7,6 @@ measured joint states at rest. The time of plans is the arm's clock minus the de
 scaling has caused.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.command import Command

@@ -5,8 +5,6 @@ and the time at which it will rest is known. The time of plans is the arm's cloc
 that speed scaling has caused.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

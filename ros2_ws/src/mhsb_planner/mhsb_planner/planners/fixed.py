@@ -1,7 +1,5 @@
 """Planner by the conventional method: all joints except two keep their angles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest

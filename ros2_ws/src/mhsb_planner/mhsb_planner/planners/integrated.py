@@ -8,8 +8,6 @@ comparison:
 - if the manipulability loss has a weight, the path that is found without it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial

@@ -6,8 +6,6 @@ left for the ramps, so that the motion needs boost, or much more time than its p
 lower speed has modes that suit this speed. It is cheaper if leakage costs little.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Discrete path through given postures, for planners that choose postures but not modes."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Registry of all planners by name. A new planner is entered here and nowhere else."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Literal
 
 from mhsb_planner.errors import RequestError

@@ -5,8 +5,6 @@ the next proposer from the schedule. Between turns, a schedule reads whether a m
 (`PlanProgress.has_motion`), and what each proposer did at its last turn.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Sequence
 

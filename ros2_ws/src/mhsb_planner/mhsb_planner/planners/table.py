@@ -1,7 +1,5 @@
 """Table planner, which takes the postures of the posture table, as in the paper (S2)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

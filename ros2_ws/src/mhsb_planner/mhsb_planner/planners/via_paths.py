@@ -1,7 +1,5 @@
 """Paths through via points, planned leg by leg and joined to one path."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

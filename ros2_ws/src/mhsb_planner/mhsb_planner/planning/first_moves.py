@@ -7,8 +7,6 @@ obstacle than it is at the start. Both rules are also checked on the trajectory
 (`motion.limits.joint_range.compute_outward_excess`, `motion.s3_clearance`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice

@@ -4,8 +4,6 @@ A motion is a trajectory (made by S3) with a mode schedule (made by S4). It foll
 or it is a polynomial between the path's ends. The cheapest plan so far is the incumbent.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

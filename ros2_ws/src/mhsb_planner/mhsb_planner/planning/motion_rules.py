@@ -4,8 +4,6 @@ There are two methods. A polynomial joins the ends of the path. A followed path 
 piston speeds, and each change of speed is a ramp (`motion.s3_trajectory`).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from mhsb_planner.motion.fitted_motion import FittedMotion

@@ -1,7 +1,5 @@
 """Remarks on what keeps an arm from moving: its start, its payload, and obstacles."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.errors import MhsbError, suggest_unit_of_number

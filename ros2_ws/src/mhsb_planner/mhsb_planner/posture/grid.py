@@ -4,8 +4,6 @@ Nodes are integer pairs (i, k) in units of the spacing, so rounding can neither 
 node. For the paper's machine at 5 cm, these are the 642 pairs with i ≥ 0 and 25 ≤ i² + k² ≤ 423.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

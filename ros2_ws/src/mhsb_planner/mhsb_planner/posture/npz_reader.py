@@ -7,8 +7,6 @@ writes, and creates an array only if the file contains all its bytes.
 Source: numpy.lib.format, versions 1.0 to 3.0.
 """
 
-from __future__ import annotations
-
 import lzma
 import re
 import struct

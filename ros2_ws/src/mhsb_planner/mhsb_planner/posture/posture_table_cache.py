@@ -1,7 +1,5 @@
 """Cache of posture tables in the user's cache directory."""
 
-from __future__ import annotations
-
 import logging
 import os
 from pathlib import Path

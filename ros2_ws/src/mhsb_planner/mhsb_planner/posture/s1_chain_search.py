@@ -14,8 +14,6 @@ ascent continues along the limit.
 starts.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

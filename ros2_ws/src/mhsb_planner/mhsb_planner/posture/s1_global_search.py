@@ -10,8 +10,6 @@ refined. Samples lie at ψ = middle − half·cos t for equally spaced t, so the
 ends. At the ends, the edge of the reach, joint angles vary as the square root of ψ.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from contextlib import closing

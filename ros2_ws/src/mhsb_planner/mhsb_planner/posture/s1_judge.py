@@ -9,8 +9,6 @@ of N are short) = 1 − CONFIDENCE_LEVEL. So p is a quantile of the beta distrib
 Source: C. J. Clopper, E. S. Pearson, The Use of Confidence or Fiducial Limits, 1934.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -20,8 +20,6 @@ As in the paper, such a posture is not excluded here, since the polytope is stil
 search excludes its steps against the load.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -9,8 +9,6 @@ For a longer chain, the module describes the last three joints. Tip and ψ are t
 frame of these joints (`tip_postures.transform_tip_to_outer_frame`).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ before its area is computed. The method often misses the largest polytope, and i
 comparison.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters whose value is a flat array of several rows, because ROS has no nested arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

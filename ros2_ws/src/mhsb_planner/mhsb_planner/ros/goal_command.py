@@ -1,7 +1,5 @@
 """Command `goal`: sends one goal to a running planner and prints the verdict and the result."""
 
-from __future__ import annotations
-
 import json as json_format
 import sys
 import time

@@ -5,8 +5,6 @@ length are checked before they are parsed, and each value is checked before ROS 
 parameter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Node that sends goals and collects the planner's reports on them, for commands and tests."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Times at which a message was sent and received, by the steady clock."""
 
-from __future__ import annotations
-
 from mhsb_model.trajectory import SECOND_NS
 
 MAX_TRANSPORT_TIME = 2.0

@@ -1,7 +1,5 @@
 """Outbox of the planner node, which publishes, plans and calls services for the goal lifecycle."""
 
-from __future__ import annotations
-
 import gc
 import traceback
 from collections import deque

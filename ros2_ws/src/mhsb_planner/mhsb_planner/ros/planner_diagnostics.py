@@ -1,7 +1,5 @@
 """Status of the planner node on /diagnostics."""
 
-from __future__ import annotations
-
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from std_msgs.msg import Header

@@ -5,8 +5,6 @@ Messages are decoded here and passed to the `GoalLifecycle`, which makes all dec
 thread, everything else in the executor's thread.
 """
 
-from __future__ import annotations
-
 import gc
 import sys
 import time

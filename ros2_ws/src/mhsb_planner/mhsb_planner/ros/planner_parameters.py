@@ -1,7 +1,5 @@
 """Parameters of the planner node: declaration, ranges, and checks of changes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The messages are made in two frames. In `base_link`, the arm's plane is vertical
 it is the x-y plane, for tools that only draw x and y.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

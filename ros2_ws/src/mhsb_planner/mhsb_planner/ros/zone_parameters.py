@@ -5,8 +5,6 @@ is refused, and the error names the possible kinds. If the parameter were not de
 ignore its value, and the arm would move through the zone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

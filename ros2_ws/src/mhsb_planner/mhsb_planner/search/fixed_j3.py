@@ -9,8 +9,6 @@ In an arm with more joints, all joints except two keep their angles; the machine
 joints. If necessary, one kept joint is changed. The elbow is the second of the two moving joints.
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 

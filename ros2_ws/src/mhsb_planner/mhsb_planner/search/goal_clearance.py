@@ -4,8 +4,6 @@ A goal is refused if the arm would be in an obstacle at the goal, or nearer to a
 margin. A start in an obstacle is only described.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.goal import format_distance

@@ -14,8 +14,6 @@ P_S, and no valve leaks less than at P_S. Hence w₁ E_lb + w₂ T_lb is a consi
 search.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

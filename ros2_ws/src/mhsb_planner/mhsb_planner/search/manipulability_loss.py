@@ -10,8 +10,6 @@ path. In the cost w₁ E + w₂ T + w₃ switches + w₄ M its weight w₄ has t
 defined in the paper's Section 2.1; the paper does not use it in the cost.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -9,8 +9,6 @@ to reach another state of its posture and to switch modes there. Numbers of mode
 triangle inequality, so the other state leads to all successors at no greater cost.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ stored steps that leave it. A search expands only a small share of all postures.
 the machine, only the steps that leave the expanded postures need to be priced.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Numbering of the graph's postures, states and moves; it depends on the posture table alone."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

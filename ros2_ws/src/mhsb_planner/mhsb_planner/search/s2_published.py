@@ -12,8 +12,6 @@ cheapest path beyond it. Second, H is a scaled distance, which is no lower bound
 scale. `s2_astar` has neither defect.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 from typing import NamedTuple

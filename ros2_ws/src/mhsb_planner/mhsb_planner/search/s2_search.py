@@ -4,8 +4,6 @@ The exact search (`s2_astar`) finds the cheapest path. The published search (`s2
 one path per node and may miss the cheapest path.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from contextlib import suppress

@@ -6,8 +6,6 @@ end-link angle. Both are joined to the corners of the cells in which they lie. I
 they are also joined to each other.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

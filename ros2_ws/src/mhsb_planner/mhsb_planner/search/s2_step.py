@@ -40,8 +40,6 @@ counts the leakage at P_S in every mode. The reading `series` also counts the sl
 pumps (`hydraulics.compute_slip_flow`): oil that they must raise to p_supply again.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple

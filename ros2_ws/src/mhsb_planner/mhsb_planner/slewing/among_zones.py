@@ -18,8 +18,6 @@ pump minus leakage. The slew takes the same oil at any time, so the quickest mot
 cheapest.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -11,8 +11,6 @@ of the slew's piston in this step, |ΔL| its whole stroke and A its area. Q is t
 pump Q_MP minus the leakage q_leak of n valves [m³/s].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

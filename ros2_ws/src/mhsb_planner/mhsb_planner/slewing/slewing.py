@@ -21,8 +21,6 @@ motion is found, the two quick proposers share all turns until one has ended. Th
 every second turn, and the slower proposers share the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice

@@ -4,8 +4,6 @@ Gravity does not load a slew, so postures and modes are chosen for the plane alo
 slew turns, it takes its oil at the main pump's pressure.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

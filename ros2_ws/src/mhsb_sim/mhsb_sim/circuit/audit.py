@@ -1,7 +1,5 @@
 """Audit of the circuit: energy and oil that its elements have turned over, substep by substep."""
 
-from __future__ import annotations
-
 from mhsb_model.circuit.elements import compute_shaft_power
 from mhsb_model.circuit.quantities import CircuitConstants, ModuleState
 from mhsb_model.kernels.kernel import kernel

@@ -24,8 +24,6 @@ No pressure falls below the vapour pressure of the oil. There the liquid column 
 vapour fills the volume until oil has come back. Servo pumps deliver only what their inlet fills.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

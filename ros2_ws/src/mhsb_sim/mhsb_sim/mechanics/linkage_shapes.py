@@ -1,7 +1,5 @@
 """Shapes of cylinders and linkages in pictures: barrels, rods, rockers and couplers as bars."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ telescope slides along its link's x axis, from the tip of the link before. A sle
 joint 2 lies ahead of the slew axis, at its height.
 """
 
-from __future__ import annotations
-
 import math
 
 import mujoco

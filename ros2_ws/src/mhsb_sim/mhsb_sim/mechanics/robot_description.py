@@ -12,8 +12,6 @@ tip of the link before. If joint 1 slews, it turns about z. `base_link` then lie
 height of joint 2, and `work_plane` turns with it.
 """
 
-from __future__ import annotations
-
 import math
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 

@@ -1,7 +1,5 @@
 """Publisher of the simulator node: states, changes and reports of its arm."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

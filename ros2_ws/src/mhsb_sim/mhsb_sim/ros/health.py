@@ -1,7 +1,5 @@
 """Health of the simulator in one sentence: its fault, or all its warnings, or that it runs."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

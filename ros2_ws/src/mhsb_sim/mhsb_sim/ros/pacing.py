@@ -6,8 +6,6 @@ nothing that follows the reference sees a jump. A lag beyond `LARGEST_LAG_NS` is
 simulated time stays behind by the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 LARGEST_LAG_NS = 2_000_000_000

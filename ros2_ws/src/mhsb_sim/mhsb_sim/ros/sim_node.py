@@ -4,8 +4,6 @@ It is a thin adapter around `SupervisedArm`. A timer brings the simulation up to
 decoded and passed on, and the results are published.
 """
 
-from __future__ import annotations
-
 import gc
 import sys
 import time

@@ -1,7 +1,5 @@
 """Parameters of the simulator node: declaration, ranges, and checks of changes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path

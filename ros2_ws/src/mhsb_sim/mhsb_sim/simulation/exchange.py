@@ -5,8 +5,6 @@ the cap side of cylinder j, 3 j + 1 its rod side, 3 j + 2 its line, and 3 n the 
 manifold behind the main pump and the tank follow.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ it warns and the value at which the arm is stopped. A new symptom is a class and
 `SYMPTOM_KINDS`, with its pair of limits.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from typing import Self

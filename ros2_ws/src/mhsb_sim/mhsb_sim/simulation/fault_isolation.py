@@ -7,8 +7,6 @@ tolerances is not found.
 Source: R. Isermann, Fault-Diagnosis Systems, 2006 (parity relations, plausibility of signals).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

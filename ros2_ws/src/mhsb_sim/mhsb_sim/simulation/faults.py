@@ -4,8 +4,6 @@ A fault is written KIND, KIND:PLACE or KIND:PLACE:VALUE. Several faults are sepa
 instance `servo_pump_dead:2, pressure_offset:actuator_1.cap_pressure:5e5`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """All kernels that the simulated arm compiles, so that a separate process can compile them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ order. A complete pair is applied only if the new trajectory equals the present 
 arm's present time. Other plans are refused or dropped. Each stamp gets exactly one report.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from typing import Protocol

@@ -4,8 +4,6 @@ A complete machine file is a plant file. A shorter one names only what differs f
 file, in the same sections. Joints are named by their numbers: `joints: {0: {link: {mass: 5.2}}}`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -13,8 +13,6 @@ comparison of difference schemes, 1968). Mechanics and circuit may take several 
 the servo.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path

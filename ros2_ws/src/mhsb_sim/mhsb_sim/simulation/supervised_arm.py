@@ -1,7 +1,5 @@
 """The simulated arm as its node runs it, with plan receiver, supervision, stop and reset."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.arm_reports import HandOverReason, HandOverReport

@@ -13,8 +13,6 @@ of the arm the valves stay closed until the next plan opens them. The servo then
 former state.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum

@@ -1,7 +1,5 @@
 """`animate`: write a recording, or a plan, as an animated GIF."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path

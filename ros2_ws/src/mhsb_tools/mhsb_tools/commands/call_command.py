@@ -1,7 +1,5 @@
 """`call`: call a service without arguments, such as `~/stop`, as `ros2 service call` does."""
 
-from __future__ import annotations
-
 import json as json_format
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`check`: print a summary of a machine file as text or JSON."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`demo`: run both nodes, send goals on a timer, record and report; the paper's Section 4."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

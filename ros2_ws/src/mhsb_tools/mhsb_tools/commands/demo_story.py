@@ -1,7 +1,5 @@
 """Text at the end of the demo: what became of the goals, how well, and at which energy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`echo`: print the messages of a topic as YAML, as `ros2 topic echo` does."""
 
-from __future__ import annotations
-
 import importlib
 import json as json_format
 from collections.abc import Sequence

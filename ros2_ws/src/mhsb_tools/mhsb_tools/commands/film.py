@@ -1,7 +1,5 @@
 """Write a move as an animated GIF: arm with cylinders, modes and supply pressures over time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Doubts about a machine file: values that are allowed, but with which the machine cannot work."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model import hydraulics

@@ -1,7 +1,5 @@
 """`param`: list, read and set the parameters of a running node, as `ros2 param` does."""
 
-from __future__ import annotations
-
 import json as json_format
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Options of `plan` and similar commands, and the requests that they ask for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any

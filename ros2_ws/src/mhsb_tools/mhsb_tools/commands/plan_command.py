@@ -1,7 +1,5 @@
 """`plan`: make one plan offline, without a ROS graph."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

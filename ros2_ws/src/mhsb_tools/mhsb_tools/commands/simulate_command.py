@@ -1,7 +1,5 @@
 """`simulate`: plan and simulate a sequence of goals headless, without a ROS graph."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

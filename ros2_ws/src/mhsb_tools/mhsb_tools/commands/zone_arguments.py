@@ -1,7 +1,5 @@
 """Command-line options for keep-out zones, which are added to those of the machine file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`compare`: plan the paper's cases and random moves by every planner, and simulate them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path

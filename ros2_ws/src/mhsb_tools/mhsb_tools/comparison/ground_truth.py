@@ -7,8 +7,6 @@ boosted, or not. These paths may show what the planner's search leaves out. They
 small changes and priced by the planner. The cheapest of all paths is the ground truth.
 """
 
-from __future__ import annotations
-
 import math
 from operator import attrgetter
 

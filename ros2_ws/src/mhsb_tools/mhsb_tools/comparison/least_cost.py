@@ -8,8 +8,6 @@ can be cheaper than a known one are left out by a lower bound. Of the planner's 
 postures at the goal are used.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

@@ -5,8 +5,6 @@ modes differ. The simulated energy is what all pumps deliver from the motion's f
 instant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field

@@ -7,8 +7,6 @@ which it takes least energy, separately for each of the four energies. MHSB coun
 that have a mode schedule.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

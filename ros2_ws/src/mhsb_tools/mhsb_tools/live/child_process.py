@@ -1,7 +1,5 @@
 """Child processes of the suite's commands: start, wait for output, and end cleanly."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

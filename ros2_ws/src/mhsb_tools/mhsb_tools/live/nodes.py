@@ -1,7 +1,5 @@
 """Simulator and planner as child processes, and the check that the planner answers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

@@ -1,7 +1,5 @@
 """Record of one move for its picture, whether it was planned, simulated or recorded."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

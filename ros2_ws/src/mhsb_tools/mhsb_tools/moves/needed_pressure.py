@@ -1,7 +1,5 @@
 """Forces that pistons exert during a motion, and the supply pressure that the motion needs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.circuit.elements import compute_friction_force

@@ -10,8 +10,6 @@ the cheapest of all at which a plan was made. The cost of a point is w‚ÇÅ E + w‚
     found.best.supply_pressure, found.plan
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator

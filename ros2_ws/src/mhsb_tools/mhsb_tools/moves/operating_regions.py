@@ -1,7 +1,5 @@
 """Operating regions: nodes of the workspace at which joints need boost (paper, Figure 5)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ margin for inertia and friction. A supply that follows measured pressures sees t
 including inertia and friction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Drawing of the workspace: operating regions, border, obstacles, arm, and a picture of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Counts of grid points in the workspace: where loads are held at rest, where zones leave room."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

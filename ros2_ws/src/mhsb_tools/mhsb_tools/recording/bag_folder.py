@@ -1,7 +1,5 @@
 """Data files of a recording's folder, found from its metadata and from the files that exist."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path, PurePath

@@ -1,7 +1,5 @@
 """Contents of a rosbag2 folder: file names, message types, and metadata of version 9."""
 
-from __future__ import annotations
-
 import functools
 import os
 import struct

@@ -1,7 +1,5 @@
 """Reading a recording from its folder; every command that reads recordings uses this module."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path

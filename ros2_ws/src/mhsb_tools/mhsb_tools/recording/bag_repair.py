@@ -5,8 +5,6 @@ damaged file is renamed to NAME.mcap.torn, and the repaired file gets the name N
 message can be read, no file is changed.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import tempfile

@@ -5,8 +5,6 @@ that is killed loses only the last chunk. What is left then has no index and no 
 `bag_repair` makes both.
 """
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Reading YAML from an untrusted source: plain values of bounded size and depth, no references."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import yaml

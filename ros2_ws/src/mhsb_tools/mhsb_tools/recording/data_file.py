@@ -6,8 +6,6 @@ opened without blocking and must be a regular file. It can be read only within a
 proportion to its size.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -4,8 +4,6 @@ A chunk is a record of the file that contains other records: messages, schemas a
 are packed together, mostly compressed, and have one checksum.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from array import array

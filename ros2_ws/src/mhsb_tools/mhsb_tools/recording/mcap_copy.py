@@ -5,8 +5,6 @@ schemas and channels are written unchanged before the first chunk, so that types
 know are kept as well. Messages outside chunks are put into new chunks.
 """
 
-from __future__ import annotations
-
 import tempfile
 import zlib
 from collections import Counter

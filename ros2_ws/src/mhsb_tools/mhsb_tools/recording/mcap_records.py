@@ -7,8 +7,6 @@ below the bounds of this module. The library `mcap` reads the fields, from a str
 only the bytes of the record.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import replace

@@ -5,8 +5,6 @@ records of right structure in succession. In a file that has chunks, schemas, ch
 are not accepted outside chunks. Otherwise the search could continue inside a damaged chunk.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from typing import Any, NamedTuple

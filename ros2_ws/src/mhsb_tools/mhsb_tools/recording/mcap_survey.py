@@ -5,8 +5,6 @@ the message indexes after damaged chunks are counted. If the indexes are incompl
 lower bound.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress

@@ -5,8 +5,6 @@ of a chunk states its lengths, its checksum and its compression. If the head is 
 is still found if one of the stated lengths leads to bytes with the right checksum.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field

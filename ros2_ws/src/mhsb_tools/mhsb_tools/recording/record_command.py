@@ -1,7 +1,5 @@
 """Command `record`: write the suite's topics into a rosbag2 folder, or repair one."""
 
-from __future__ import annotations
-
 import functools
 import json as json_format
 import time

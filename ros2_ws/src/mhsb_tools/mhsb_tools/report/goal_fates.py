@@ -4,8 +4,6 @@ This is the only definition behind the demo's `goals_lost`, `scripts/bench onlin
 `scripts/soak`. It uses nothing but what is published on the topics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Energy of a recorded run: delivered by the pumps, and predicted by the planner's model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

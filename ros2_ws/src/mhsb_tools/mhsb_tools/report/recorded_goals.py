@@ -1,7 +1,5 @@
 """Evaluation of each goal in a recording, from its verdict to the tip's rest at the goal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recorded motion: the reference that the servo followed, and the measured tip against it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Moves of a recording, one for each goal whose plan was taken over."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS

@@ -1,7 +1,5 @@
 """An evaluated recording: everything that the summary and the figures both need."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

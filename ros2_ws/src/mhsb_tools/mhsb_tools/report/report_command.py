@@ -1,7 +1,5 @@
 """Command `report`: figures and numbers of a recording."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated, Any

@@ -4,8 +4,6 @@ Lengths are in mm, pressures in MPa, energies in J, and times in s or ms, as eac
 stands for what a recording has no data for.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence

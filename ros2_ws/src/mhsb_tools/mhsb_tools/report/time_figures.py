@@ -1,7 +1,5 @@
 """Figures of a recording over time: joints, tip, modes, pressures, energy and estimates."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from pathlib import Path
 from typing import Any

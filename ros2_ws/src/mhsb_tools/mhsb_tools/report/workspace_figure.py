@@ -1,7 +1,5 @@
 """Figure of the workspace: the tip's path over the regions where joints need boost."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ is the length of the tip's path over that of the shortest grid path with straigh
 moves. The modes are N (main pump), DB (own booster module) and SB (shared boost line).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Trajectories with mode schedules of the runs that are drawn or whose energy is reported."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 

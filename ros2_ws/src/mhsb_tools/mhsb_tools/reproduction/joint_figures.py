@@ -1,7 +1,5 @@
 """Figures 6 and 8: joint angles and modes over time, and speed over force of joint 1's cylinder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

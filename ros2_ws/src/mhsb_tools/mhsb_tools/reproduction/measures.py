@@ -1,7 +1,5 @@
 """Numbers that show whether a discrete path is direct, folded, boosted or economical."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Best supply pressure and V_max for Case 5, found by search; beyond the paper."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path

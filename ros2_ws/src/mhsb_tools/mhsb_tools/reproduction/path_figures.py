@@ -1,7 +1,5 @@
 """Figures 5 and 7: the tip's paths over the regions in which joints need boost."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

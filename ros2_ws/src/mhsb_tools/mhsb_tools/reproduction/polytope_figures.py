@@ -1,7 +1,5 @@
 """Figures 3 and 9: admissible joint velocities, and the polytope of the tip's velocities."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures over weights: Figure 10, and beyond the paper Case 4's polytope area against energy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Counts and quantiles over many draws, each compared with the limit that the suite sets itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Measures of a draw's run beside its errors: payload estimate, rest, flow, planned time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ once, and given to every controller. Draw k of a seed is independent of the numb
 processes.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass

@@ -9,8 +9,6 @@ The delivered energy is the sum of the energy that the main pump gives to its oi
 at the shafts of the servo pumps. The plan's reading `series` adds up the same two.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ time, and the run goes on for a while after the motion. The tip's error counts u
 closed, since the reference is not followed after that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Each goal is planned at its time from the command in force, by the same code as 
 plan reaches the simulator through the same receiver. Planning takes no simulated time.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields

@@ -4,8 +4,6 @@ The file is the protocol; docs/studies.md explains it. Every sequence is run onc
 itself, then every draw on its plant. All controllers are given identical plans.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ Plans depend on the commands before them, but not on how well these are followed
 controller and every set of gains can be given identical plans.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

@@ -3,8 +3,6 @@
 A machine may have its own file beside it, study_scenarios_NAME.yaml.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path

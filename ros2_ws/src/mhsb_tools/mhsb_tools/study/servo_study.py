@@ -4,8 +4,6 @@ The plans of a scenario are made once, with the posture table of its payload, an
 controller, so that only the servo differs.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass

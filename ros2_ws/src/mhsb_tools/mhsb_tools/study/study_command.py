@@ -4,8 +4,6 @@ Scenarios are those of config/study_scenarios.yaml. Draws are plants that differ
 file as config/variations.yaml says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial

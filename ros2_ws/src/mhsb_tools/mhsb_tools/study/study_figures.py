@@ -1,7 +1,5 @@
 """Figures of studies: scenarios in an overview and over time, and the time after each fault."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Command `tune`: find the servo's gains by random search and write them into the machine file."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass
 from typing import Annotated

@@ -8,8 +8,6 @@ closer and closer around the incumbent. The search has a seed, and its result do
 number of processes.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence

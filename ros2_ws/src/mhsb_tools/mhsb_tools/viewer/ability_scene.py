@@ -1,7 +1,5 @@
 """Abilities of the arm in the browser's scene: velocity polytope of the tip, regions of boost."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 All moving parts hang below the frame PLANE_FRAME, which turns if the arm slews.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -6,8 +6,6 @@ lines, relief valves and leakage lose energy before the valves. Metering edges a
 energy behind them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.types import FloatArray

@@ -1,7 +1,5 @@
 """The planner's markers (path, goal posture, zones) in the browser's scene."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

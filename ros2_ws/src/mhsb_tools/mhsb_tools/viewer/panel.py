@@ -1,7 +1,5 @@
 """Controls beside the scene: goal, stop, settings of the planner, and messages to the user."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, Protocol

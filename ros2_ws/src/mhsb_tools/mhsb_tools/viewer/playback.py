@@ -1,7 +1,5 @@
 """Playback of a recording in the browser, with a slider for its time."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Plots of pressures, modes and energy beside the scene, and the states that they show."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field

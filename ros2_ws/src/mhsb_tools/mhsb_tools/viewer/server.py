@@ -1,7 +1,5 @@
 """Web server of the view, which serves this machine only and cannot be made public."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging

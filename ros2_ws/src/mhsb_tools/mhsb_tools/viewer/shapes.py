@@ -1,7 +1,5 @@
 """Orientations and colours in the form that the browser's scene uses."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

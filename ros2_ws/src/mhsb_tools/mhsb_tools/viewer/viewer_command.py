@@ -1,7 +1,5 @@
 """Command `view`: the arm live in a browser, or playback of a recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -15,8 +15,6 @@ jumps at this speed, and a parabola through three values is no bound. The ratio 
 jump.
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.arrays import MachineArrays

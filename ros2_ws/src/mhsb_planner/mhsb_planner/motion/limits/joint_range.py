@@ -5,8 +5,6 @@
 Between two points a joint is bounded by the control points of its quintic (`bound_joint_excess`).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ n(mode) is the number of booster modules that a mode uses, and n_fitted the numb
 Source: paper, Section 3.
 """
 
-from __future__ import annotations
-
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import ModeArray

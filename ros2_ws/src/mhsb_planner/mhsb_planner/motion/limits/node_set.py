@@ -5,8 +5,6 @@
 (x, z) is the tip position in the arm's plane [m].
 """
 
-from __future__ import annotations
-
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.goal import format_distance
 from mhsb_model.kernels.kernel import kernel

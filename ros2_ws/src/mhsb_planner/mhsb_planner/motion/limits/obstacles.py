@@ -4,8 +4,6 @@ The clearance c of the arm, without margin, stays positive: c > 0. A motion that
 obstacle may leave it.
 """
 
-from __future__ import annotations
-
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import Trajectory
 from mhsb_planner.motion.limits.limit import Limit, Violation

@@ -4,8 +4,6 @@ A new limit on the state of a motion needs a module, and three lines here: its i
 `STATE_LIMITS`, and its call in `measure_limits`. Both lists must have the same order.
 """
 
-from __future__ import annotations
-
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_planner.motion.limits import (

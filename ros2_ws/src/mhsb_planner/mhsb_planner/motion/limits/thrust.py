@@ -10,8 +10,6 @@ mode of actuator j. Only cylinders that move against their load count.
 Source: paper, Section 2.1, with inertia added.
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.arrays import MachineArrays

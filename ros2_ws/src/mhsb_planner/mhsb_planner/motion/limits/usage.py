@@ -10,8 +10,6 @@ valves carry the load. If the motion is slowed by the factor `usage`, it keeps t
 Source: paper, Section 2.1, extended to leakage and modes.
 """
 
-from __future__ import annotations
-
 import math
 
 from mhsb_model.arrays import MachineArrays

@@ -10,8 +10,6 @@ Source: MathWorks, Simscape Fluids, Counterbalance Valve (IL): force balance of 
 back pressure ratio of 0. Makers set p_set to 1.3 times the highest load pressure.
 """
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from mhsb_model.kernels.kernel import kernel

@@ -9,8 +9,6 @@ Source: H. E. Merritt, Hydraulic Control Systems (leakage of a piston); M. Jelal
 Hydraulic Servo-systems (internal leakage of a cylinder).
 """
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from mhsb_model.circuit.constants import compute_viscosity_ratio

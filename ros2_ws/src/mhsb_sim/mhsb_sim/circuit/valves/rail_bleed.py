@@ -8,8 +8,6 @@ the viscosity µ of the oil.
 Source: H. E. Merritt, Hydraulic Control Systems (laminar leakage).
 """
 
-from __future__ import annotations
-
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.valves.valve_kind import CircuitSite, ValveKind, ValvePlace

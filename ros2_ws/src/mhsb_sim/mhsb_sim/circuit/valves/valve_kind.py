@@ -4,8 +4,6 @@ A valve is between two nodes (`ValveKind`), or at a chamber in series with the s
 (`PortValveKind`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
