@@ -27,6 +27,7 @@ from mhsb_planner.motion.motion_table import format_switches
 from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.posture.reach_check import check_reach
 from mhsb_planner.search.manipulability_loss import (
     compute_area_along_motion,
     compute_area_along_path,
@@ -122,12 +123,15 @@ def plan(
         if file is not None:
             make_parent_folder(file, what)
     check_coordinates(base, asked)
+    if posture is None:
+        check_reach(base, asked.start)
+    if options.goal_region is None:
+        check_reach(base, asked.goal)
     changed = zones.add_to(arm.change(base))
     has_obstacles = bool(changed.obstacles.names)
     compile_planner(parts=list_parts_for_rest(options.planner, has_obstacles=has_obstacles))
     suite = Planner(changed, load_or_build_table(base, arm.table))
     if posture is None:
-        base.check_in_workspace(asked.start)
         posture = asked.start_posture(suite.machine)
     made, found, seconds = _make_timed_plan(
         suite, asked.goal, posture, options, ranges, silent=json_, explain=explain

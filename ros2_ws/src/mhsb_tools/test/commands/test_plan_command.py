@@ -6,6 +6,7 @@ import pytest
 
 from mhsb_model import command_line
 from mhsb_planner.planner import PLANNER_KINDS
+from mhsb_tools.commands import plan_command
 from mhsb_tools.commands.plan_command import SHOWN_INSTANTS, plan
 
 
@@ -26,6 +27,18 @@ def test_the_command_plan_leads_back_into_the_limits_as_well(machine, capsys, ki
 
 
 MOVE = ["--start", "0.55", "-0.05", "--goal", "0.55", "0.60"]
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"), [("0.55 -0.05", "3 0"), ("0.55 -0.05", "0.0 0.26"), ("3 0", "0.55 0.6")]
+)
+def test_places_out_of_reach_are_refused_before_anything_is_compiled(
+    monkeypatch, capsys, start, goal
+):
+    monkeypatch.delattr(plan_command, "compile_planner")
+    words = ["--start", *start.split(), "--goal", *goal.split()]
+    assert command_line.run(plan, words) == command_line.EXIT_FAILED
+    assert "the nearest grid point in reach is (" in capsys.readouterr().err
 
 
 def test_the_text_has_the_driven_modes_and_the_motion(capsys):
