@@ -1,6 +1,7 @@
 """Command `build_table`, which computes the posture table of a machine and stores it."""
 
 import json as json_format
+import math
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -15,6 +16,7 @@ from mhsb_model import command_line
 from mhsb_model.command_line import Count, NumberRange
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.cluster import WorkArguments
+from mhsb_planner.errors import place_text
 from mhsb_planner.posture import s1_global_search, s1_slsqp
 from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_planner.posture.posture_table_cache import cached_table_path
@@ -24,6 +26,9 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 
 SOLVER_FUNCTIONS = {"global": s1_global_search.search_globally, "slsqp": s1_slsqp.search_by_slsqp}
 """Solvers by the names that the command accepts."""
+
+SHOWN_NODES = 3
+"""Largest number of nodes without a posture whose positions are printed."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,7 @@ def _collect_result(
 
 
 def _describe_result(table: PostureTable, path: Path, seconds: float) -> str:
-    """Describe the table as text, with the positions of nodes that have no posture.
+    """Describe the table as text, with the number of nodes that have no posture.
 
     Args:
         table: The table.
@@ -153,20 +158,19 @@ def _describe_result(table: PostureTable, path: Path, seconds: float) -> str:
 
     Returns:
         Lines of text. The first line has the numbers of nodes, mode combinations and entries, and
-        the time. The next lines have the number of nodes without a posture, and the positions of
-        these nodes, with one line for each x. The last line has the path of the file.
+        the time. The second line has the number of nodes without a posture, and the positions of at
+        most SHOWN_NODES of them. The last line has the path of the file.
     """
     missing = table.nodes[~table.feasible] * table.spacing
+    shown = missing[:: max(1, math.ceil(len(missing) / SHOWN_NODES))]
     lines = [
         f"{table.machine_name}: {len(table.nodes)} nodes, {len(table.patterns)} mode patterns, "
         f"{table.entries} entries in {seconds:.2f} s",
         f"{len(missing)} nodes have no posture within the joint limits"
-        + (", at (x, z) m:" if len(missing) else ""),
+        + (f", such as {', '.join(place_text(node) for node in shown)}" if len(missing) else ""),
+        f"written to {path}",
     ]
-    for x in np.unique(missing[:, 0]):
-        heights = ", ".join(f"{z:.4g}" for z in missing[missing[:, 0] == x, 1])
-        lines.append(f"  x = {x:.4g}: z = {heights}")
-    return "\n".join([*lines, f"written to {path}"])
+    return "\n".join(lines)
 
 
 def main() -> int:

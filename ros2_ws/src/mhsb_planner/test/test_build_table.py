@@ -1,6 +1,7 @@
 """The command that builds the posture table."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -26,6 +27,20 @@ def test_it_writes_a_table_and_prints_what_it_did(machine, tmp_path, capsys):
     assert f"{len(table.nodes)} nodes, 23 mode patterns, {table.entries} entries in" in text
     assert f"{len(missing)} nodes have no posture within the joint limits" in text
     assert f"written to {path}" in text
+
+
+def test_of_many_nodes_without_a_posture_it_names_a_few(machine, tmp_path, capsys):
+    bent = machine.with_values({"joints.1.limits.lower": -1.9})
+    file, path = tmp_path / "bent.yaml", tmp_path / "table.npz"
+    file.write_text(json.dumps(bent.config.model_dump(mode="json")))  # which is YAML, too
+    assert run("--machine", file, "--output", path, "--spacing", 0.1, "--jobs", 1) == 0
+    [line] = (each for each in capsys.readouterr().out.splitlines() if "no posture" in each)
+    table = PostureTable.load(path, bent, 0.1)
+    missing = {tuple(node) for node in table.nodes[~table.feasible].tolist()}
+    named = re.findall(r"\((\S+), (\S+)\) m", line)
+    assert len(missing) > len(named) == 3
+    assert line.startswith(f"{len(missing)} nodes have no posture within the joint limits, such as")
+    assert {(round(10 * float(x)), round(10 * float(z))) for x, z in named} < missing
 
 
 def test_it_prints_json(machine, tmp_path, capsys):
