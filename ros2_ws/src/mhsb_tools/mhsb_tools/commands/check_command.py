@@ -366,8 +366,8 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
         )
     if bent:
         lines.append(
-            f"position 0 is outside the range of joint {', '.join(bent)}: the arm cannot be "
-            "straight, and its loads are less than those straight out"
+            f"no error: joint {', '.join(bent)} does not reach position 0, so the arm cannot be "
+            "straight, and its loads stay below those straight out"
         )
     return lines
 

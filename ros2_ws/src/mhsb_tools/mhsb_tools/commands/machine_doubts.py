@@ -66,7 +66,7 @@ def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list
     elif held_points == 0:
         doubts.append(
             f"the arm holds its payload of {arrays.payload:g} kg nowhere in the workspace; lower "
-            "payload.mass, or raise pressures or bores"
+            "payload.mass, or raise pressures, bores or moment arms"
         )
     flow = float(arrays.main_pump_flow)
     needed = float(np.sum(arrays.cap_area * arrays.max_piston_speed))

@@ -40,8 +40,8 @@ def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
 def test_the_report_says_once_that_the_arm_cannot_be_straight(machine, slider_crank_machine):
     [remark] = (each for each in check.format_report(machine) if "cannot be straight" in each)
     assert remark == (
-        "position 0 is outside the range of joint 2: the arm cannot be straight, and its loads are "
-        "less than those straight out"
+        "no error: joint 2 does not reach position 0, so the arm cannot be straight, and its loads "
+        "stay below those straight out"
     )
     low, high = (getattr(slider_crank_machine.arrays, name) for name in ("joint_min", "joint_max"))
     assert np.all((low <= 0.0) & (high >= 0.0))

@@ -91,7 +91,7 @@ def test_a_pin_that_is_farther_away_than_the_links_are_long_is_asked_about_in_an
 
 def test_a_payload_that_is_held_nowhere_is_a_doubt():
     [doubt] = list_doubts(load_machine("excavator_1to14"), 0, 100)
-    assert doubt.endswith("lower payload.mass, or raise pressures or bores")
+    assert doubt.endswith("lower payload.mass, or raise pressures, bores or moment arms")
 
 
 def test_an_arm_without_a_posture_anywhere_is_not_said_to_be_overloaded(machine):
