@@ -8,6 +8,7 @@ from scipy.integrate import quad
 
 from mhsb_model.command import Command
 from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.moves.supply_systems import (
@@ -238,3 +239,15 @@ def test_without_leakage_every_system_with_valves_takes_less(machine: Machine, l
             assert closed == leaking
         else:
             assert 0.0 < closed.hydraulic_j < leaking.hydraulic_j
+
+
+def test_a_motion_without_boost_takes_what_one_pump_at_the_machines_pressure_takes(
+    machine: Machine, lift
+) -> None:
+    trajectory, _ = lift
+    no_boost = ModeSchedule(0, np.zeros(1, dtype=np.int64), np.zeros((1, 3), dtype=np.uint8))
+    supply = machine.arrays.supply_pressure
+    alone = compute_constant_pressure_energy(machine, compute_loads(machine, trajectory), supply)
+    own = compute_mhsb_energy(machine, trajectory, no_boost)
+    assert own.hydraulic_j == pytest.approx(alone.hydraulic_j, rel=1e-3)
+    assert own.shaft_j == pytest.approx(alone.shaft_j, rel=1e-3)
