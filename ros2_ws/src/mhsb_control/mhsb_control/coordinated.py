@@ -450,9 +450,10 @@ def compute_valve_command(
     of `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
 
     The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
-    An open valve would let the load sink. As the line pressure rises from p_L by the laminar
-    pressure, the command rises to its full value. After a motion in the other direction, a chamber
-    may have a higher pressure than the line; this does not shut the valve.
+    An open valve would let the load sink. Above p_L, the command rises in proportion to the line
+    pressure; it has its full value at p_L plus the laminar pressure (below which flow is laminar).
+    After a motion in the other direction, a chamber may have a higher pressure than the line; this
+    does not shut the valve.
 
     Args:
         axis: State of the cylinder's control axis, with u and stiffnesses. Writes `flow_damping`

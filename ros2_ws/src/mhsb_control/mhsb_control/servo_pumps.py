@@ -235,8 +235,8 @@ def build_pump_state(
 def predict_coasting(p: PumpState) -> None:
     """Compute the oil that a pump still delivers after a stop command, per unit of its flow.
 
-    Oil counts from the instant when the command begins to act. It is summed up to each of the times
-    `coasting_times` after the command. `coasting` follows from the estimated lag and delay.
+    `coasting_times` are counted from the command, which begins to act after the pump's delay. Oil
+    that flows before it acts does not count. `coasting` follows from the estimated lag and delay.
     `cautious_coasting` follows from a lag that is `caution_sigmas` standard deviations longer, and
     from the longest plausible delay.
 

@@ -97,8 +97,10 @@ def make_command_entry(module: str) -> Callable[[], int]:
         """Set up signals, then import the module and run its `main`.
 
         Returns:
-            The exit code of `main`, or 130 if it was interrupted. The process ends with code 1 if a
-            required package is missing.
+            The exit code of `main`, or 130 if it was interrupted.
+
+        Raises:
+            SystemExit: A required package is missing; its code is 1.
         """
         signal.signal(signal.SIGINT, _exit_interrupted)
         if not _hang_up_is_ignored():

@@ -280,7 +280,7 @@ class _LocalExecutor(ThreadPoolExecutor):
 
         Args:
             work: Function of the task.
-            *given: Positional arguments of `work` as a tuple, and its named arguments as a mapping.
+            *given: Two values, the positional arguments of `work` and its named arguments.
 
         Returns:
             Result of the task.
@@ -352,7 +352,7 @@ def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Res
 
     Args:
         work: Function of the task.
-        *given: Positional arguments of `work` as a tuple, and its named arguments as a mapping.
+        *given: Two values, the positional arguments of `work` and its named arguments.
 
     Returns:
         Result of the task.

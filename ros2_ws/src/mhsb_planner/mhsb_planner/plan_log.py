@@ -99,7 +99,7 @@ class PlanLog:
         error: Exception,
         outcome: ProposalOutcome = ProposalOutcome.NO_PATH,
     ) -> None:
-        """Append an entry about an error, unless the proposer has one with the same reason.
+        """Append an entry about an error, unless the proposer has an entry with the same reason.
 
         The reason is the error's sentence. The type of the error precedes it if the error is not an
         `MhsbError`.

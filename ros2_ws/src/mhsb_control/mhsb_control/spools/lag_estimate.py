@@ -183,7 +183,8 @@ def build_lag_estimates(
 def describe_lag_uncertainty(estimates: LagEstimates) -> float:
     """Return the largest difference between the estimated lag and a plausible one [s].
 
-    A lag is plausible if its residual exceeds the least one by less than `min_evidence`.
+    A lag is plausible if its residual exceeds the least residual of all lags by less than the
+    setting `min_evidence`.
 
     Args:
         estimates: Estimate of the lag.

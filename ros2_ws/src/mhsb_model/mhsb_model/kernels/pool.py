@@ -33,8 +33,8 @@ def compile_ahead(
 
     Worker processes call the functions; each processor has one worker. A marker file in the cache
     records each function that has succeeded, so repeated calls return quickly. If the cache cannot
-    be written, nothing is done. If a function fails, this is only logged. A later call of its
-    kernels compiles them and raises the error.
+    be written, nothing is done. If a function fails, this is only logged: whoever calls its kernels
+    later compiles them and gets the error.
 
     Args:
         parts: Functions without arguments that call the kernels, as `MODULE:FUNCTION`.

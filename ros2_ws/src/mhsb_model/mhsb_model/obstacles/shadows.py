@@ -172,9 +172,9 @@ def _special_angles(row: FloatArray) -> list[float]:
 
     Returns:
         Angles [rad]. For a box, these are the angles of its corners and of its faces' normals. A
-        cylinder or a sphere is a circle if seen from above, and the angles are those of its centre
-        and of both tangents. If the axis is inside the circle, centre ± π/2 takes the place of the
-        tangents.
+        cylinder, which stands upright, or a sphere is a circle if seen from above, and the angles
+        are those of its centre and of both tangents. If the axis is inside the circle, centre ± π/2
+        takes the place of the tangents.
     """
     if row[KIND_COLUMN] == SPACE_BOX_KIND:
         across, along = (

@@ -188,8 +188,8 @@ def sweep_waypoint(
         strides: Sizes of the moves: stroke of inner waypoints [m], and change of each free
             coordinate [rad or m].
         i: Index of the waypoint, at least 1.
-        ahead: Costs from each waypoint to the end, by mode combination of arrival, shape (points,
-            patterns). `compute_costs_to_go` gives them before the sweep.
+        ahead: Costs from each waypoint to the end, by mode combination of arrival at the waypoint,
+            shape (points, patterns). `compute_costs_to_go` gives them before the sweep.
 
     Returns:
         Cost of the changed path, at most `cost`.

@@ -356,8 +356,8 @@ class GoalLifecycle:
         it, the arm is stopped. If a stop is under way, it takes its next step (a braking command or
         a call of ~/stop).
 
-        If the fault is cleared, this is only stored. If the arm reports the same fault again,
-        nothing happens.
+        An empty sentence is only stored: the fault is cleared. If the arm reports the same fault
+        again, nothing happens.
 
         Args:
             sentence: The fault in words; empty if the arm has none.

@@ -43,7 +43,7 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
 
     A motion is a polynomial or follows the path. The first of these that names a method decides:
     the options, `of_path`, the planner. A polynomial may exceed V_max (allowed piston speed) by
-    `options.max_speed_excess`, unless only `of_path` asks for the polynomial.
+    `options.max_speed_excess`, unless the polynomial is due to `of_path`.
 
     Args:
         options: Options of the plan.

@@ -460,7 +460,7 @@ def _run_in_parallel(
     Args:
         work: Function of (begin, end); end is excluded.
         total: Number of indices. The ranges cover 0 to `total` - 1, with POSTURES_PER_TASK indices
-            each.
+            each, the last one with the rest.
         jobs: Number of threads; None means one per processor.
         deadline: Instant at which the work is given up, checked after each range. Ranges not yet
             begun are dropped.

@@ -425,7 +425,8 @@ class SlewingPaths:
         MAX_CARRYING_PSI_DEVIATION. Both paths are planned without the oil and time of the slew.
 
         Args:
-            posture: Carrying posture without the slew, float64[n], [rad or m].
+            posture: Carrying posture of the planar arm's n joints, without the slew, float64[n],
+                [rad or m].
             ends: Path source among the zones at the slew angle of the start, and path source among
                 the zones at the slew angle of the goal.
             in_plane: Path request in the arm's plane.

@@ -119,7 +119,7 @@ class PlanReceiver:
     def reset(self) -> None:
         """Forget all plans and reports, because the simulated arm's time starts again.
 
-        From now on, plans that are stamped before the present time of the target are refused.
+        From now on, plans with a stamp before the simulated time of this call are refused.
         """
         self._reported_stamps: deque[int] = deque(maxlen=REPORTED_STAMP_CAPACITY)
         self._last_stamp_ns = -1

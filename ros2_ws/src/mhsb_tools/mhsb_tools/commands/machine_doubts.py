@@ -117,7 +117,7 @@ def _list_unreachable_speeds(machine: Machine) -> list[str]:
     """List the actuators that cannot reach their V_max, even without a load.
 
     The flow of the largest pump and the fully open valve at the highest supply pressure both limit
-    the speed. The faster direction counts, which is retraction for the flow.
+    the speed. Of extension and retraction, the faster direction counts.
 
     Args:
         machine: The machine.

@@ -52,8 +52,7 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
     error is raised.
 
     Args:
-        bag: Recording with its data files. Its `problem` must be None. Otherwise `bag.listed_count`
-            is None, and BagError is raised after the last message.
+        bag: Recording with its data files, whose metadata could be read (`bag.problem` is None).
         names: Topics to yield, by their absolute names.
 
     Yields:

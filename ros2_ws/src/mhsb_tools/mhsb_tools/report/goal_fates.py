@@ -165,7 +165,8 @@ def judge_recorded_goals(
 def find_unrecorded_goals(recording: Recording) -> tuple[TimedValue, ...]:
     """Return the goals that got a verdict, but whose messages are not in the recording.
 
-    Their sender was not yet connected to the recorder, used the action, or the message is damaged.
+    Such a goal came by the action, or its sender was not yet connected to the recorder, or its
+    message is damaged.
 
     Args:
         recording: The recording.

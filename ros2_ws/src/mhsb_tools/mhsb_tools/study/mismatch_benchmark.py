@@ -134,7 +134,7 @@ class BenchmarkStudy(DrawStudy):
         """Draw a plant at random, for a sequence of goals of the protocol.
 
         Args:
-            draw: Number of the draw. It determines the sequence: they take turns.
+            draw: Number of the draw. It determines the sequence, since the sequences take turns.
 
         Returns:
             Plans for the machine that planner and servo know; the plant to simulate; and what was

@@ -128,7 +128,7 @@ def _select_controllers(arm: Machine) -> list[str]:
         arm: The machine to tune.
 
     Raises:
-        UsageError: No controller has both properties.
+        UsageError: No controller both suits the sensors and has gains.
     """
     suitable = select_controllers(arm)
     found = [name for name in GAIN_RANGES if name in suitable]
