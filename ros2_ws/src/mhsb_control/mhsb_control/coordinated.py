@@ -457,8 +457,8 @@ def compute_valve_command(
 
     Args:
         axis: State of the cylinder's control axis, with u and stiffnesses. Writes `flow_damping`
-            (κ) [1/s] and `is_saturated` in place. `is_saturated` is 1 if the load shuts the valve,
-            the valve is fully open, or the pumps limit the demand.
+            (κ) [1/s] and `is_saturated` in place. `is_saturated` is 1 if the load keeps the valve
+            partly or fully shut, the valve is fully open, or the pumps limit the demand.
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient K of the cylinder's valve.
         constants: Constants of the circuit, one record.

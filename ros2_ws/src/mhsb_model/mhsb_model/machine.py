@@ -615,8 +615,9 @@ class Machine:
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
         """Compute postures within the joint limits for a tip position and given end-link angles.
 
-        For three revolute joints the result is complete. For longer chains and telescopes the
-        result is a sample: the additional joints take evenly spaced positions.
+        The machine must not slew (`planar_arm`). For three revolute joints, or two and one
+        telescope, the result is complete. For longer chains the result is a sample: the additional
+        joints take evenly spaced positions.
 
         Args:
             x: Tip position in the arm's plane, forward [m].

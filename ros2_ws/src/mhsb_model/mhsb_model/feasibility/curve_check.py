@@ -170,8 +170,9 @@ def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float
 def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray:
     """Compute the worst excess over the limits for each quantity and joint of a trajectory.
 
-    The excess of a position is the distance beyond its limit [rad or m]. That of speed,
-    acceleration and jerk is relative: |value|/limit − 1.
+    The excess of a position is the distance beyond its limit [rad or m]; a joint that starts beyond
+    a limit may only come nearer to it. That of speed, acceleration and jerk is relative:
+    |value|/limit − 1.
 
     Args:
         limits: Limits of each joint.

@@ -137,7 +137,7 @@ def evaluate_linkage_at_angles(linkage: FloatArray, angles: FloatArray) -> Float
 
     Returns:
         float64[k, 3] with the columns cylinder length L [m], moment arm r = dL/dq [m], and dr/dq
-        [m/rad].
+        [m/rad]. Where a four-bar cannot be assembled, the numbers are finite and mean nothing.
     """
     found = np.empty((len(angles), 3))
     for k in range(len(angles)):

@@ -443,8 +443,8 @@ class GoalLifecycle:
     def _stop_for_cancelled_goal(self) -> None:
         """Stop the arm if the newest goal in progress was cancelled.
 
-        Nothing happens while a stop is under way. The stop ends all goals as stopped. Goals that
-        are not executed yet end at once, the others when the arm has stopped.
+        Nothing happens while a stop is under way. The stop ends all goals as stopped: goals without
+        a sent plan at once, the others when the arm has stopped.
         """
         newest = next(iter(self.state.goals_in_progress), None)
         if newest is not None and newest.is_cancelled and self._stop is None:

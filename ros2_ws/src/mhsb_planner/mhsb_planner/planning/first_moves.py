@@ -284,7 +284,8 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
         posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        True if all joints can be moved. False also if a linkage cannot be assembled on the way.
+        True if all moment arms keep their sign. Whether linkages can be assembled on the way is not
+        checked.
     """
     a = machine.arrays
     inside = np.clip(posture, a.joint_min, a.joint_max)

@@ -254,10 +254,11 @@ class RosOutbox:
             return False
 
         def pass_on_answer(done: Any) -> None:
-            """Call `on_answer` with the response; do nothing if there is no response.
+            """Call `on_answer` with success and message of the response, if there is one.
 
             Args:
-                done: rclpy's future of the service call, which is done.
+                done: rclpy's future of the service call, which is done. The exception of a failed
+                    call is raised.
             """
             response = done.result()
             if response is not None:

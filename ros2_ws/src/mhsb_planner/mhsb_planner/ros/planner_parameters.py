@@ -300,6 +300,9 @@ def declare_table_path(node: Node) -> Path | None:
     Returns:
         Path of the file; None if the parameter is empty, so that the table in the user's cache is
         used.
+
+    Raises:
+        ParameterValueError: The parameter was started with a value that is no text.
     """
     text = "posture table (npz); empty builds one and keeps it"
     value = NodeParameter("table", "", text, read_only=True).declare(node)

@@ -544,13 +544,15 @@ def combine_with_port_valve(circuit: Circuit, edge: float, chamber: int, outside
 def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     """Add the leakage past the lands of a servo valve's spool to the elements of a substep.
 
-    Two of the four lands have the overlap o − x, and two have o + x. o is the overlap of the
-    centred spool, and x the spool position (−1 … 1). If the valves that isolate the chambers are
-    shut, the oil flows from line to tank instead. It passes the two lands of each work port in
-    series. A port valve that is shut lets no oil out of its chamber.
+    Two of the four lands have the overlap o₁ − x, and two have o₂ + x. o₁ and o₂ are the overlaps
+    of the centred spool, extending and retracting, and x is the spool position (−1 … 1). If the
+    valves that isolate the chambers are shut, the oil flows from line to tank instead. It passes
+    the two lands of each work port in series. A port valve that is shut lets no oil out of its
+    chamber.
 
     Args:
-        circuit: The circuit. Writes into `net` in place, and adds to `supply_flow` of the actuator.
+        circuit: The circuit. Writes into `net` in place. Adds to `supply_flow` of the actuator what
+            flows from the line into chambers.
         j: Index of the actuator. Its spool must have been moved in this substep.
         count: Number of elements so far.
 
