@@ -238,7 +238,7 @@ def predict_coasting(p: PumpState) -> None:
     `coasting_times` are counted from the command, which begins to act after the pump's delay. Oil
     that flows before it acts does not count. `coasting` follows from the estimated lag and delay.
     `cautious_coasting` follows from a lag that is `caution_sigmas` standard deviations longer, and
-    from the longest plausible delay.
+    from full flow up to the longest plausible delay (`compute_coasting_volumes`).
 
     Args:
         p: State of the pumps. Writes `coasting` and `cautious_coasting` in place: oil [m³] per flow

@@ -105,7 +105,7 @@ class RequestError(ArgumentError):
     """
 
     def __init__(self, name: str, value: object, rule: str) -> None:
-        """Store the data and compose the message.
+        """Store name and value, and compose the message from them and the rule.
 
         Args:
             name: Name of the value.

@@ -378,8 +378,8 @@ def compute_reserves(g: GovernorState) -> None:
 
     - `reserve_in_n`: the available pressure in mode N, minus the greater of the pressures that the
       actuator needs at present and shortly ahead (`_compute_needed_pressures`). The available
-      pressure is the lowest line pressure of all actuators in mode N, filtered. While it falls, it
-      is extrapolated by `prediction_time`, for this reserve alone.
+      pressure is the lowest line pressure of all actuators in mode N, filtered; without any, its
+      last value. While it falls, it is extrapolated by `prediction_time`, for this reserve alone.
     - `reserve`: in mode N equal to `reserve_in_n`. In DB and SB it is the actuator's own line
       pressure minus the pressure needed at present, filtered with `boosted_smoothing`.
     - `driving_pressure`: the available pressure (in DB and SB the line pressure) minus the load

@@ -119,7 +119,8 @@ class PlanReceiver:
     def reset(self) -> None:
         """Forget all plans and reports, because the simulated arm's time starts again.
 
-        From now on, plans with a stamp before the simulated time of this call are refused.
+        From now on, plans with a stamp before the target's plan time at this call are refused. A
+        fault that `close` has set stays.
         """
         self._reported_stamps: deque[int] = deque(maxlen=REPORTED_STAMP_CAPACITY)
         self._last_stamp_ns = -1
@@ -170,7 +171,8 @@ class PlanReceiver:
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
         """Receive the trajectory of a plan, and store it until `update` hands the plan over.
 
-        The trajectory is ignored if its plan already has one, or a report.
+        A trajectory is ignored if its plan has a report already, or has another usable trajectory.
+        An unusable one, as one that breaks a limit, refuses the plan.
 
         Args:
             trajectory: The trajectory with its stamp.

@@ -123,8 +123,8 @@ def _list_unreachable_speeds(machine: Machine) -> list[str]:
         machine: The machine.
 
     Returns:
-        One sentence with the speed that each of these actuators can reach, and what limits it.
-        Empty if all reach their V_max.
+        At most one sentence. It has, for each of these actuators, the speed that it can reach and
+        what limits it. Empty if all reach their V_max.
     """
     m = machine.arrays
     oil, slow = hydraulics.get_shared_hydraulics(m), []

@@ -193,6 +193,9 @@ class McapStructure:
 
         Yields:
             The records in the order of the file; they may overlap.
+
+        Raises:
+            BagError: The file cannot be read, or more of it was read than its limit allows.
         """
         for place in self._places(PLACE_OF_A_CHUNK, at, False, end):
             found = self.read_frame(place)

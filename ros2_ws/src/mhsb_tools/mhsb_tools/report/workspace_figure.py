@@ -85,7 +85,8 @@ def _draw_goals(run: EvaluatedRecording, axes: Axes) -> None:
     The goals are numbered from 1 in the order of their verdicts. If goals have the same position
     and the same kind of mark, they share one mark with all their numbers. Crosses are larger than
     circles and drawn first, and their numbers are below them, so that both can be read at one
-    place. Goals whose position is not finite are left out.
+    place. Positions are projected to the arm's plane. A goal whose position is not finite is left
+    out, and its number is not used again.
 
     Args:
         run: The evaluated recording.

@@ -306,7 +306,8 @@ class DrawStudy:
 
         Returns:
             The record. An error is not raised: its text is `failure`, and the record has no
-            measured numbers.
+            measured numbers. A run in which goals are refused has numbers, and their reasons as
+            `failure`.
         """
         try:
             simulator = Simulator(self._machine, controller, seed=draw, plant=plant)

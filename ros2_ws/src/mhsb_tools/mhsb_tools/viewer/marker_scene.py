@@ -93,7 +93,8 @@ class MarkerScene:
         """Add the polyline of a marker to the scene.
 
         Each segment has the colour of its first point. If the marker has no colours for points, all
-        segments have the marker's colour. The x scale is the thickness [m].
+        segments have the marker's colour. The x scale is the thickness [m]. Points are in the
+        scene's frame: the marker's pose and opacity are ignored.
 
         Args:
             name: Name of the object in the scene.

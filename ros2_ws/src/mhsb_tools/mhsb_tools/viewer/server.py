@@ -45,7 +45,7 @@ class LocalServer(ViserServer):
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Start the server, which checks all input from pages before it is used.
+        """Start the server, which checks what pages send to its controls before it is used.
 
         Args:
             host: Address to listen at, such as `127.0.0.1`.

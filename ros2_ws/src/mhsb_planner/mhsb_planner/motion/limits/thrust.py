@@ -76,8 +76,8 @@ def find_inertia_excess(
         modes: Mode codes (N, DB, SB), shape (k, n).
 
     Returns:
-        Largest factor of all cylinders and instants [-]; 1 if the pressure suffices everywhere. inf
-        if it does not suffice without inertia.
+        Largest factor of all instants and of the cylinders that move against a load [-]; 1 if the
+        pressure suffices for these. inf if it does not even suffice without inertia.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     margin, largest = compute_inertia_margin(oil), 1.0
