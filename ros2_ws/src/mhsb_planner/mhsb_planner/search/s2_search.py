@@ -105,8 +105,7 @@ class PathQuery:
             machine: The arm without a slewing joint.
 
         Returns:
-            True if the tip is within SAME_POINT of the goal or in its region, and the end-link
-            angle ψ is within SAME_POINT of an admissible angle.
+            True by `is_goal_met`, with the tolerance SAME_POINT for tip [m] and angle ψ [rad].
         """
         posture = np.array(self.start_posture, dtype=np.float64)
         tip, angle = machine.tip_position(posture), machine.end_link_angle(posture)
