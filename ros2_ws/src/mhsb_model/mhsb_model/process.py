@@ -335,7 +335,7 @@ def _wait_for_signal(reader: int) -> None:
     waits for the longest time of all `grace_period` contexts that are open at the signal; without
     such a context it does not wait. Finally the functions of `register_final_action` are called,
     and the process exits. If foreign code keeps Python's lock (GIL) meanwhile, so that none of this
-    can happen, the process ends with code 1 `LONGEST_END` after the grace periods.
+    can happen, the process ends with code 1, `LONGEST_END` after the grace periods.
 
     Args:
         reader: File descriptor of the pipe into which Python writes signal numbers.

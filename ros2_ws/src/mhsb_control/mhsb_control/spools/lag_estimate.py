@@ -306,7 +306,8 @@ def forget_lag_windows(sums: FloatArray) -> None:
 def select_lag(lags: LagEstimates) -> None:
     """Compute the residual of each possible lag, and take another lag if it fits clearly better.
 
-    With the sums Σ over windows and the weights w_θ and w_c of the priors,
+    With the sums Σ over windows, and in each of them the stroke y = ΔL, the compression z = ΔF/k_h
+    and the predicted stroke p = P(ℓ), and with the weights w_θ and w_c of the priors,
 
         residual = min over θ and c of Σ (y + c z − θ p)² + w_θ (θ − 1)² + w_c (c − 1)²
 

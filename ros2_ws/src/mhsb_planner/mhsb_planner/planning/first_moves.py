@@ -174,8 +174,8 @@ def _first_moves(source: PathSource, request: PathRequest) -> Iterator[DiscreteP
     The departure is the posture at rest where the path begins. Straight moves come first: to the
     departure clipped to the joint limits, then to nearby postures of the table. At most
     TRIED_POSTURES of these moves are planned. A move is skipped if the arm would get deeper into an
-    obstacle on the way, or if no mode combination can do it. The last first move leads out of the
-    obstacles by steepest ascent of the clearance.
+    obstacle on the way, or if no mode combination can do it. The last of the first moves leads out
+    of the obstacles by steepest ascent of the clearance.
 
     Nothing is yielded if a linkage passes a dead centre on the straight move from the departure to
     the clipped departure.
@@ -298,8 +298,8 @@ def _postures_nearby(source: PathSource, posture: FloatArray) -> Iterator[FloatA
     """Yield postures within the joint limits, in ascending order of the time of a straight move.
 
     If the given posture is beyond joint limits, the posture clipped to the limits comes first, even
-    if it is in an obstacle. Then come the table's postures for mode N (main pump alone) of all
-    actuators that are clear of obstacles. If the arm slews, these postures get the clipped slew
+    if it is in an obstacle. Then come those of the table's postures with all actuators in mode N
+    (main pump alone) that are clear of obstacles. If the arm slews, these get the clipped slew
     angle. The time of a move is estimated for its slowest joint, from moment arm and V_max (allowed
     piston speed).
 

@@ -261,7 +261,7 @@ def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], 
     Each ratio is the energy of the integrated planner's motion divided by the energy of the
     baseline planner's motion. Planned energies are in the reading `series` (servo pump in series
     with the main pump). The diagonal marks equal ratios, and a shaded band marks ratios that differ
-    by at most AGREEMENT_SHARE. Moves that one of the two did not plan have no point.
+    by at most AGREEMENT_SHARE. Moves that one of the two planners did not plan have no point.
 
     Args:
         cases: Results for the paper's cases, possibly none.

@@ -287,7 +287,7 @@ def compute_mode_limits(
 
 
 def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
-    """Draw for each actuator which mode its speeds and forces need, and those of the move.
+    """Draw for each actuator the mode that each speed and force needs, and the move itself.
 
     The areas have the colour of the weakest mode (N < DB < SB) that allows a piston speed at a
     force; white is impossible. The move is a line that has the colours of its modes. The figure

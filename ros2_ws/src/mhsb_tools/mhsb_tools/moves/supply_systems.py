@@ -199,8 +199,9 @@ class SingleSupply(NamedTuple):
 
 
 def compute_single_supply(machine: Machine, trajectory: Trajectory) -> SingleSupply:
-    """Compute what a motion takes with one pump at constant pressure, high enough without boost.
+    """Compute what a motion takes with one pump at constant pressure and without boost.
 
+    The pressure is the lowest that suffices throughout the motion.
     The difference from the plan's energy in reading `series` is what boost saves on this motion.
 
     Args:
