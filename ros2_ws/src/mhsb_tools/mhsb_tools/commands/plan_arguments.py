@@ -8,7 +8,6 @@ import numpy as np
 import tyro
 
 from mhsb_model.command_line import NumberRange, OptionalFile, UsageError
-from mhsb_model.errors import MachineFileError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase, get_paper_case
@@ -30,22 +29,20 @@ from mhsb_planner.planners.registry import (
 )
 from mhsb_planner.search.s2_search import SearchMethod, Weights
 from mhsb_planner.search.s2_step import EnergyReading
+from mhsb_tools.machine_arguments import OptionalPayload, change_machine
 from mhsb_tools.moves.operating_point import Point, Range
 
 POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4, "m"), NumberRange(0.0, MAX_REGION_SIZE, "m")
 ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE, "rad")
-WEIGHT_RANGE, PAYLOAD_RANGE = NumberRange(0.0, HIGHEST_WEIGHT), NumberRange(0.0, 1e4)
+WEIGHT_RANGE = NumberRange(0.0, HIGHEST_WEIGHT)
 PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7, "Pa"), NumberRange(1e-4, 1.0, "m/s")
-"""Ranges of the options: positions and distances [m], angles [rad], weights, payload [kg], supply
-pressure P_S [Pa], piston speed V_max [m/s].
+"""Ranges of the options: positions and distances [m], angles [rad], weights, supply pressure
+P_S [Pa], piston speed V_max [m/s].
 """
 
 
 OptionalPosition = Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), POSITION_RANGE]
 """Tip position (x, z), or (x, y, z) if the arm slews [m], or None."""
-
-OptionalPayload = Annotated[float | None, tyro.conf.arg(metavar="KG"), PAYLOAD_RANGE]
-"""Mass at the tip [kg], or None."""
 
 
 @dataclass(frozen=True)
@@ -514,26 +511,6 @@ def check_options_have_effect(asked: PaperCase, given: Mapping[str, Any]) -> Non
         if value is not None and idle:
             flag = f"--{name.replace('_', '-')} {_format_value(value)}"
             raise UsageError(f"{flag} has no effect: {why}; leave it out, or give {instead}")
-
-
-def change_machine(machine: Machine, **changes: Any) -> Machine:
-    """Return a machine with some values replaced.
-
-    Args:
-        machine: The arm as its file has it.
-        **changes: New values by name, as `Machine.changed` takes them, such as `payload` [kg]; None
-            keeps a value.
-
-    Returns:
-        The changed machine; `machine` stays as it is.
-
-    Raises:
-        UsageError: A value is out of its range.
-    """
-    try:
-        return machine.changed(**changes)
-    except MachineFileError as error:
-        raise UsageError("; ".join(error.problems)) from error
 
 
 def check_coordinates(machine: Machine, asked: PaperCase) -> None:

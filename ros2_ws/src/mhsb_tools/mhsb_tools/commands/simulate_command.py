@@ -39,9 +39,10 @@ from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap, sum_e
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.simulation.sensors import select_length_class
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.commands.plan_arguments import POSITION_RANGE, OptionalPayload, change_machine
+from mhsb_tools.commands.plan_arguments import POSITION_RANGE
 from mhsb_tools.commands.zone_arguments import ZoneArguments
 from mhsb_tools.errors import VariationError
+from mhsb_tools.machine_arguments import OptionalPayload, change_machine
 from mhsb_tools.moves.move_page import draw_move_page
 from mhsb_tools.study.energy_comparison import EnergyPart, list_energy_parts
 from mhsb_tools.study.energy_comparison import as_text as energy_text

@@ -8,7 +8,8 @@ import tyro
 from mhsb_model.command_line import UsageError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Numbers, zone_numbers
-from mhsb_tools.commands.plan_arguments import POSITION_RANGE, change_machine
+from mhsb_tools.commands.plan_arguments import POSITION_RANGE
+from mhsb_tools.machine_arguments import change_machine
 
 BOX_METAVAR, SPACE_BOX_METAVAR = "X1 Z1 X2 Z2", "X1 Y1 Z1 X2 Y2 Z2"
 CIRCLE_METAVAR, CYLINDER_METAVAR, SPHERE_METAVAR = (

@@ -37,6 +37,7 @@ from mhsb_tools.comparison.supply_comparison import (
     format_energy_by_move,
     sum_supply_energies,
 )
+from mhsb_tools.machine_arguments import OptionalPayload, change_machine
 from mhsb_tools.study.headless import compile_kernels
 
 DEFAULT_TRUTHS = 10
@@ -47,6 +48,7 @@ def compare(
     *,
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/compare"),
     machine: OptionalFile = None,
+    payload: OptionalPayload = None,
     weights: Annotated[
         tuple[float, float, float], tyro.conf.arg(metavar="W1 W2 W3"), NumberRange(0.0, 1e6)
     ] = (0.5, 0.0, 2.0),
@@ -58,7 +60,7 @@ def compare(
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
 
     Cases that the arm cannot reach are left out; arms that slew have random moves only. Motions of
-    all planners are made by the same method: they follow their paths with ramps. Energy models tell
+    all planners are made by the same method: they follow their paths with ramps. Energy models give
     what the same moves would take with other supplies: constant pressure, load sensing, pump
     control (docs/studies.md). Writes DIR/records.json (energies in J, times in s, errors in mm),
     DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
@@ -66,6 +68,7 @@ def compare(
     Args:
         output: Folder for records, summary and figure.
         machine: Machine file (YAML); the suite's own arm when left out.
+        payload: Mass at the tip [kg]; the machine file's when left out.
         weights: Weights of energy [1/J], time [1/s] and mode switches.
         moves: Number of random moves between nodes of the grid.
         truths: Number of random moves for which the ground truth is searched, too; each takes
@@ -88,7 +91,7 @@ def compare(
         raise command_line.UsageError(f"--weights: {error}") from error
     workers = work.connect()
     make_output_folder(output, "the comparison")
-    arm = load_machine(machine)
+    arm = change_machine(load_machine(machine), payload=payload)
     asked = list_compared_moves(arm, moves, sought)
     comparisons = compare_all(arm, chosen, asked, workers)
     found = list(tqdm(comparisons, total=len(asked), unit="move", disable=None))

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mhsb_model import command_line
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.planner import ENERGY_OPTIMAL
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_planner.posture.s1_global_search import find_postures_at
+from mhsb_tools.comparison import compare_command
 from mhsb_tools.comparison.compare_command import (
     as_text,
     draw_proportions,
@@ -135,3 +137,21 @@ def test_the_summary_has_geometric_means_and_extremes(tmp_path: Path) -> None:
     assert "0.707" in text
     draw_proportions(moves, [], tmp_path / "proportions.png")
     assert (tmp_path / "proportions.png").stat().st_size > 5_000
+
+
+def test_all_moves_are_planned_and_simulated_with_the_given_payload(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    seen: list[float] = []
+
+    def note_payload(machine: Machine, *others: object) -> list:
+        seen.append(machine.config.payload.mass)
+        return []
+
+    monkeypatch.setattr(compare_command, "list_compared_moves", note_payload)
+    monkeypatch.setattr(compare_command, "compare_all", note_payload)
+    words = ["--moves", "0", "--output", str(tmp_path), "--payload"]
+    assert command_line.run(compare_command.compare, [*words, "14"]) == 0
+    assert seen == [14.0, 14.0]
+    assert command_line.run(compare_command.compare, [*words, "-1"]) == 2
+    assert "--payload must be from 0 to 10000 (is -1.0)" in capsys.readouterr().err
