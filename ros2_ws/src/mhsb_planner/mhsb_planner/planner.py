@@ -87,9 +87,12 @@ MAX_POSTURE_TURN_RATE = 0.2
 With this limit, the posture follows the goal without jumps.
 """
 
-_compiled: set[tuple[str, bool, bool]] = set()
-"""Path planners whose kernels are compiled; True for arms that slew, and True if they are loaded.
+_compiled: set[tuple[str, ...]] = set()
+"""Parts of the kernels for plans from rest that are compiled, as `list_parts_for_rest` lists them.
 """
+
+_loaded: set[tuple[str, bool]] = set()
+"""Path planners whose kernels are compiled and loaded; True for arms that slew."""
 
 
 class Planner:
@@ -260,8 +263,8 @@ class Planner:
         """Compile code before the first plan in this process, and postpone a deadline by this time.
 
         Without a deadline, only kernels for plans from rest are compiled. With a deadline, all
-        kernels are compiled and loaded. Each is done once for each path planner, on arms with a
-        slew and on arms without.
+        kernels are compiled and loaded. The latter is done once for each path planner, on arms with
+        a slew and on arms without.
 
         Args:
             kind: Name of the path planner.
@@ -270,27 +273,28 @@ class Planner:
         Returns:
             The later deadline, or the given one if there was nothing to do.
         """
-        hurried = deadline.instant < math.inf
-        if (kind, self.machine.slews, hurried) in _compiled:
+        if deadline.instant == math.inf:
+            self._compile_for_rest(self.machine, kind)
+            return deadline
+        if (kind, self.machine.slews) in _loaded:
             return deadline
         began = time.monotonic()
-        if hurried:
-            warm_up(self, [kind])
-        else:
-            self._compile_for_rest(self.machine, kind)
+        warm_up(self, [kind])
         return deadline.earlier_by(began - time.monotonic())
 
     @staticmethod
     def _compile_for_rest(machine: Machine, kind: str) -> None:
-        """Compile code that plans from rest need, and note this in `_compiled`.
+        """Compile code that plans from rest need, once for each set of parts in `_compiled`.
 
         Args:
             machine: The whole arm.
             kind: Name of the path planner.
         """
         has_obstacles = bool(machine.obstacles.names)
-        compile_planner(parts=list_parts_for_rest(kind, has_obstacles=has_obstacles))
-        _compiled.add((kind, machine.slews, False))
+        parts = list_parts_for_rest(kind, has_obstacles=has_obstacles)
+        if parts not in _compiled:
+            compile_planner(parts=parts)
+            _compiled.add(parts)
 
     def follow(
         self,
@@ -470,4 +474,4 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     start = np.array(planner.machine.config.simulation.start_posture)
     describe_overload(planner.machine, planner.graph.table, start)
     planner.machine, planner.graph = machine, graph
-    _compiled.update((kind, machine.slews, True) for kind in kinds)
+    _loaded.update((kind, machine.slews) for kind in kinds)

@@ -5,7 +5,9 @@ import pytest
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.modes import count_modules
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
+from mhsb_planner import planner as planning
 from mhsb_planner.cases.moves import yield_random_moves
 from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.motion.limits.joint_range import joint_excess
@@ -120,3 +122,20 @@ def test_a_machine_of_more_modules_than_the_posture_table_is_refused(machine, ta
     with pytest.raises(RequestError, match=r"must be at most 1, .*; build another \(is 4\)"):
         planner.change_machine(machine)
     assert planner.machine is few
+
+
+def test_zones_that_are_added_later_are_compiled_for_ahead_of_the_next_plan(
+    machine, table, monkeypatch
+):
+    compiled = []
+    monkeypatch.setattr(planning, "_compiled", set())
+    monkeypatch.setattr(planning, "compile_planner", lambda parts: compiled.append(set(parts)))
+    planner, options = Planner(machine, table), PlanOptions(planner="table")
+    start = MotionState.at_rest(machine.config.simulation.start_posture)
+    for _ in range(2):
+        planner.plan((0.55, 0.60), start, options=options)
+    planner.change_machine(machine.changed(zones=Zones(circles=((-0.5, 0.5, 0.05),))))
+    for _ in range(2):
+        planner.plan((0.55, 0.60), start, options=options)
+    free, among_zones = compiled
+    assert among_zones - free == {"mhsb_planner.kernel_parts:compile_clearance"}
