@@ -5,7 +5,6 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import matplotlib
 import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -52,7 +51,6 @@ def test_an_example_prints_and_writes_what_it_says(
 
 def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    matplotlib.use("Agg")
     cells = json.loads((EXAMPLES / "01_one_move.ipynb").read_text())["cells"]
     names: dict = {}
     for cell in cells:
@@ -63,3 +61,5 @@ def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch, capsys):
     assert "above the lower bound of" in capsys.readouterr().out
     assert (tmp_path / "move.csv").exists()
     assert (tmp_path / "move.png").exists()
+    shown = eval(cells[-1]["source"][-1], names)._repr_png_()  # as Jupyter shows the last value
+    assert shown.startswith(b"\x89PNG")

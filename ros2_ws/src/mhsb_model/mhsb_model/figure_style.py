@@ -6,6 +6,8 @@ without pyplot, which would need a screen and keep global state.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,7 +78,7 @@ def rgb(text: str) -> tuple[float, float, float]:
 
 
 @contextmanager
-def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Iterator[Figure]:
+def open_figure(path: Path | None, height: float, width: float = FIGURE_WIDTH) -> Iterator[Figure]:
     """Open a figure to draw on, as a context manager, and write it when the block ends.
 
     The suffix of the file chooses the format, such as `.png`, `.pdf` or `.svg`. The file is first
@@ -84,12 +86,13 @@ def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Itera
     incomplete. If the block raises, nothing is written, and the target stays as it was.
 
     Args:
-        path: File to write; an existing file is replaced.
+        path: File to write; an existing file is replaced. None writes no file.
         height: Height of the figure [in].
         width: Width of the figure [in].
 
     Yields:
-        The empty figure, with `RC_PARAMETERS` in force.
+        The empty figure, with `RC_PARAMETERS` in force. A notebook shows it
+        if it is the last value of a cell.
 
     Raises:
         FigureFormatError: matplotlib has no format of this suffix. Nothing was drawn.
@@ -99,15 +102,24 @@ def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Itera
 
     with mpl.rc_context(RC_PARAMETERS):
         figure = Figure(figsize=(width, height), layout="constrained")
-        suffix = path.suffix.lower().removeprefix(".")
+        vars(figure)["_repr_png_"] = partial(_encode_as_png, figure)  # IPython calls it
+        suffix = path.suffix.lower().removeprefix(".") if path else ""
         known = figure.canvas.get_supported_filetypes()
-        if suffix not in known:
+        if path and suffix not in known:
             formats = ", ".join(f".{each}" for each in sorted(known))
             raise FigureFormatError(f"picture '{path}': must end in one of {formats}")
         yield figure
         figure.align_ylabels()
-        with replace_file(path) as part:
-            figure.savefig(part, format=suffix)
+        if path:
+            with replace_file(path) as part:
+                figure.savefig(part, format=suffix)
+
+
+def _encode_as_png(figure: Figure) -> bytes:
+    """Return a figure as the content of a PNG file."""
+    file = BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
 
 
 def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:

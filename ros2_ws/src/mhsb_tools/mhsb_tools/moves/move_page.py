@@ -22,6 +22,7 @@ from mhsb_model.figure_style import (
     TEAL,
     YELLOW,
     Axes,
+    Figure,
     draw_line,
     open_figure,
     rgb,
@@ -52,8 +53,8 @@ RANGE_MARGIN = 0.15
 """Share by which the axes of force and speed exceed the values of the move."""
 
 
-def draw_move_page(move: MoveRecord, file: Path) -> None:
-    """Draw one page about a move and write it as PNG.
+def draw_move_page(move: MoveRecord, file: Path | None) -> Figure:
+    """Draw one page about a move.
 
     The title ends with the duration. On the left are the tip's path and the energy flow. On the
     right are joint positions and modes over time. Below them, each actuator has its operating
@@ -61,7 +62,14 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
 
     Args:
         move: The move.
-        file: PNG file to write. If drawing fails, no incomplete file is left.
+        file: File to write, such as `move.png`; its suffix chooses the format. If drawing fails, no
+            incomplete file is left. None writes no file.
+
+    Returns:
+        The page as a matplotlib figure, which is not registered with pyplot.
+
+    Raises:
+        FigureFormatError: matplotlib has no format of this suffix.
     """
     n = move.machine.joint_count
     with open_figure(file, PAGE_HEIGHT, LEFT_WIDTH + COLUMN_WIDTH * n) as figure:
@@ -80,16 +88,21 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
         _draw_modes(move, modes)
         _draw_regions(move, regions.subplots(1, n, squeeze=False)[0])
         _draw_pressures(move, pressures.subplots(1, n, squeeze=False, sharey=True)[0])
+    return figure
 
 
-def plot_plan(plan: Plan, file: str | Path, title: str = "") -> None:
-    """Draw one page about a planned motion and write it to a file.
+def plot_plan(plan: Plan, file: str | Path | None = None, title: str = "") -> Figure:
+    """Draw one page about a planned motion.
 
     Args:
         plan: The plan.
         file: File to write, such as `move.png` or `move.pdf`; its suffix chooses the format. If
-            drawing fails, no incomplete file is left.
+            drawing fails, no incomplete file is left. None writes no file.
         title: Title of the page; empty for a title with start, goal and payload.
+
+    Returns:
+        The page as a matplotlib figure, which is not registered with pyplot. A notebook shows it if
+        it is the last value of a cell.
 
     Raises:
         FigureFormatError: matplotlib has no format of this suffix.
@@ -97,7 +110,8 @@ def plot_plan(plan: Plan, file: str | Path, title: str = "") -> None:
     ends = plan.machine.tip_in_base(plan.motion.trajectory.position[[0, -1]]).tolist()
     start, goal = (format_position(tip, ".2f") for tip in ends)
     title = title or f"{start} to {goal}, payload {plan.machine.arrays.payload:g} kg"
-    draw_move_page(move_of_plan(plan.machine, plan, tuple(ends[-1]), title), Path(file))
+    move = move_of_plan(plan.machine, plan, tuple(ends[-1]), title)
+    return draw_move_page(move, Path(file) if file else None)
 
 
 # --- Path, joints, modes -------------------------------------------------------------------------

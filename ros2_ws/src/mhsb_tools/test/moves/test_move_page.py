@@ -1,9 +1,11 @@
 """The page of a move is drawn, and its regions end where valve and pumps do."""
 
 from dataclasses import replace
+from io import BytesIO
 from itertools import combinations
 
 import matplotlib.image
+import matplotlib.pyplot
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -56,9 +58,13 @@ def test_the_page_is_drawn_in_the_colours_of_the_modes(move, tmp_path):
         assert np.sum(np.all(picture == wanted, axis=2)) > 500
 
 
-def test_a_plan_is_drawn_without_further_inputs(machine, table, tmp_path):
+@pytest.fixture(scope="module")
+def plan(machine, table):
     start = MotionState.at_rest(machine.config.simulation.start_posture)
-    plan = Planner(machine, table).plan((0.55, 0.60), start)
+    return Planner(machine, table).plan((0.55, 0.60), start)
+
+
+def test_a_plan_is_drawn_without_further_inputs(plan, tmp_path):
     plot_plan(plan, str(tmp_path / "plan.png"))
     assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
     plot_plan(plan, tmp_path / "plan.PDF")
@@ -69,6 +75,21 @@ def test_a_plan_is_drawn_without_further_inputs(machine, table, tmp_path):
         ):
             plot_plan(plan, tmp_path / name)
         assert not (tmp_path / name).exists()
+
+
+def test_a_plan_is_drawn_for_a_notebook_without_a_file_and_without_pyplot(
+    plan, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    figure = plot_plan(plan, title="A plan")
+    assert isinstance(figure, Figure)
+    assert figure.get_suptitle().startswith("A plan: ")
+    shown = matplotlib.image.imread(BytesIO(figure._repr_png_()))  # what IPython calls
+    assert shown.shape[:2] == tuple((figure.get_size_inches() * figure.dpi).astype(int)[::-1])
+    assert shown.std() > 0.05
+    assert not matplotlib.pyplot.get_fignums()
+    assert list(tmp_path.iterdir()) == []
+    assert isinstance(plot_plan(plan, "plan.png"), Figure)
 
 
 def test_regions_have_a_legend_and_nothing_else_has_the_colours_of_boosted_modes(move):
