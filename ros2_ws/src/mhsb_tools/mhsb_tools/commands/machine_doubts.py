@@ -17,6 +17,11 @@ LARGEST_PIN_RATIO = 2.0
 
 It is at most 0.92 on the suite's machines; a length in cm is a hundred times too large."""
 
+FLOW_TOLERANCE = 1e-3
+"""Share by which a flow may be below the flow that V_max needs [-].
+
+Sentences have four digits, so that a flow that was copied from one is not doubted again."""
+
 STEP_TOLERANCE = 1e-6
 """Deviation of a delay from whole steps that counts as rounding, as a share of a step [-]."""
 
@@ -114,39 +119,49 @@ def _list_distant_pins(config: MachineConfig) -> list[str]:
 
 
 def _list_unreachable_speeds(machine: Machine) -> list[str]:
-    """List the actuators that cannot reach their V_max, even without a load.
+    """List the actuators that cannot reach their V_max in mode N, even without a load.
 
-    The flow of the largest pump and the fully open valve at the highest supply pressure both limit
-    the speed. Of extension and retraction, the faster direction counts.
+    The flow of the main pump less the leakage of all valves limits extension. The fully open valve
+    at the supply pressure limits both directions.
 
     Args:
         machine: The machine.
 
     Returns:
-        At most one sentence. It has, for each of these actuators, the speed that it can reach and
-        what limits it. Empty if all reach their V_max.
+        At most one sentence. It has, for each of these actuators, its V_max, the flow of pump or
+        valve that this speed needs, and the flow that the file gives. Empty if all reach their
+        V_max.
     """
-    m = machine.arrays
-    oil, slow = hydraulics.get_shared_hydraulics(m), []
-    supply = hydraulics.get_max_supply_pressure(oil, m.module_count)
-    flow = max(m.main_pump_flow, hydraulics.get_max_servo_pump_flow(oil, m.module_count))
+    m, slow = machine.arrays, []
+    leakage = machine.joint_count * m.leakage_flow
+    valve = machine.config.hydraulics.valve
     for j, (cap, rod) in enumerate(zip(m.cap_area, m.rod_area, strict=True)):
-        by_valve = max(
+        own = machine.config.joints[j].actuator.rated_flow
+        by_valve = min(
             hydraulics.compute_speed_from_drop(
                 m.valve_coefficient[j],
                 cap,
                 rod,
-                supply - hydraulics.load_pressure(cap, rod, m.tank_pressure, 0.0, direction),
-                direction,
+                m.supply_pressure - hydraulics.load_pressure(cap, rod, m.tank_pressure, 0.0, side),
+                side,
             )
-            for direction in (1.0, -1.0)
+            for side in (1.0, -1.0)
         )
-        speed, cause = min((by_valve, "its valve"), (flow / rod, "the pump's flow"))
-        if speed < m.max_piston_speed[j]:
-            slow.append(f"{j + 1} reaches {1e3 * speed:.1f} mm/s by {cause}")
+        speed = m.max_piston_speed[j]
+        flow = valve.rated_flow if own is None else own
+        path = "hydraulics.valve" if own is None else f"joints.{j}.actuator"
+        for key, given, needed in (
+            ("hydraulics.main_pump.max_flow", m.main_pump_flow, cap * speed + leakage),
+            (f"{path}.rated_flow", flow, flow * speed / by_valve if by_valve else np.inf),
+        ):
+            if given < (1.0 - FLOW_TOLERANCE) * needed:
+                slow.append(
+                    f"actuator {j + 1} needs {key} {needed:.4g} m³/s for {1e3 * speed:.4g} mm/s, "
+                    f"not {given:.4g}"
+                )
     if not slow:
         return []
     return [
-        f"V_max of {1e3 * m.max_piston_speed.max():.1f} mm/s is beyond what pump and valves give "
-        f"without a load: actuator {', '.join(slow)}; lower motion.max_piston_speed"
+        f"V_max is beyond what main pump and valves give without a load: {'; '.join(slow)}; raise "
+        "these flows, or lower motion.max_piston_speed"
     ]

@@ -48,27 +48,57 @@ def test_lines_that_are_relieved_below_the_highest_boost_pressure_are_a_doubt(ma
     assert list_doubts(low.changed(module_count=0), 100, 100) == []
 
 
-@pytest.mark.parametrize(
-    ("values", "cause"),
-    [({}, "the pump's flow"), ({"hydraulics.valve.rated_flow": 1e-6}, "its valve")],
-)
-def test_a_v_max_beyond_pump_or_valve_is_a_doubt_that_names_what_limits(machine, values, cause):
-    fast = machine.with_values({"motion.max_piston_speed": 0.12} | values)
-    cylinder, oil = fast.config.joints[0].cylinder, fast.config.hydraulics
+def pump_flow_needed(machine, speed):
+    """Flow of the main pump [m³/s] that extends piston 1 at a speed [m/s], leakage included."""
+    cylinder, valve = machine.config.joints[0].cylinder, machine.config.hydraulics.valve
+    leakage = machine.joint_count * machine.arrays.leakage_flow
+    assert leakage == machine.joint_count * valve.leakage_flow
+    return math.pi / 4 * cylinder.bore**2 * speed + leakage
+
+
+def rated_flow_needed(machine, speed):
+    """Rated flow [m³/s] of a valve that moves piston 1 both ways at a speed [m/s], without a load.
+
+    Force balance: inlet (p_S - c inlet² v²) = outlet (p_T + c outlet² v²), c from the rated flow.
+    """
+    cylinder, oil = machine.config.joints[0].cylinder, machine.config.hydraulics
     cap = math.pi / 4 * cylinder.bore**2
     rod = math.pi / 4 * (cylinder.bore**2 - cylinder.rod**2)
-    # Force balance: inlet (p_S - c inlet² v²) = outlet (p_T + c outlet² v²), c from the rated flow.
-    c = oil.valve.rated_pressure_drop_per_land / oil.valve.rated_flow**2
-    by_valve = max(
-        (inlet * oil.servo_pump.max_boost_pressure - outlet * oil.tank_pressure)
-        / (c * (inlet**3 + outlet**3))
+    least = min(
+        (inlet * oil.main_pump.pressure - outlet * oil.tank_pressure) / (inlet**3 + outlet**3)
         for inlet, outlet in ((cap, rod), (rod, cap))
     )
-    speed = min(math.sqrt(by_valve), oil.main_pump.max_flow / rod)
-    [doubt] = list_doubts(fast, 100, 100)
-    assert "V_max of 120.0 mm/s is beyond" in doubt
-    assert f"actuator 1 reaches {1e3 * speed:.1f} mm/s by {cause}, 2 reaches " in doubt
-    assert doubt.endswith("; lower motion.max_piston_speed")
+    return math.sqrt(oil.valve.rated_pressure_drop_per_land / least) * speed
+
+
+@pytest.mark.parametrize(
+    ("key", "compute_needed"),
+    [
+        ("hydraulics.main_pump.max_flow", pump_flow_needed),
+        ("hydraulics.valve.rated_flow", rated_flow_needed),
+    ],
+)
+def test_a_flow_just_below_what_v_max_needs_is_a_doubt_with_both_values(
+    machine, key, compute_needed
+):
+    speed = machine.config.motion.max_piston_speed
+    needed = compute_needed(machine, speed)
+    low = 0.99 * needed
+    [doubt] = list_doubts(machine.with_values({key: low}), 100, 100)
+    assert doubt.startswith("V_max is beyond what main pump and valves give without a load: ")
+    for number in (1, 2, 3):
+        wanted = f"actuator {number} needs {key} {needed:.4g} m³/s for {1e3 * speed:.4g} mm/s"
+        assert f"{wanted}, not {low:.4g}; " in doubt
+    assert doubt.endswith("; raise these flows, or lower motion.max_piston_speed")
+    assert list_doubts(machine.with_values({key: float(f"{needed:.4g}")}), 100, 100) == []
+
+
+def test_a_flow_that_is_too_low_for_one_actuator_is_named_by_its_own_key(machine):
+    needed = rated_flow_needed(machine, machine.config.motion.max_piston_speed)
+    slow = machine.with_values({"joints.0.actuator.rated_flow": 0.99 * needed})
+    [doubt] = list_doubts(slow, 100, 100)
+    assert f"actuator 1 needs joints.0.actuator.rated_flow {needed:.4g} m³/s" in doubt
+    assert "actuator 2" not in doubt
 
 
 def test_a_main_pump_that_is_far_too_large_is_asked_about_in_another_unit():
