@@ -35,8 +35,8 @@ def import_on_use(
 
     Returns:
         Two functions. The first takes an exported name, imports the module that defines it, and
-        returns its object. It raises AttributeError for other names. The second lists all names of
-        the package, imported or not.
+        returns its object. It raises AttributeError for other names. The second returns a sorted
+        list of all names of the package, imported or not.
     """
 
     def get_export(name: str) -> Any:

@@ -140,11 +140,11 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
 def make_machine_arrays(config: MachineConfig) -> MachineArrays:
     """Convert a configuration into the flat arrays that kernels take.
 
-    If joint 1 slews, its link is the platform. The platform has length, mass and inertia 0 in the
-    plane. Each actuator's V_max is the smallest of its own limit, the common limit, and K √Δp_k /
-    A. The third is the speed at full opening with pressure compensators. K is the valve
-    coefficient, Δp_k the compensators' pressure drop (inf without compensators) and A the cap-side
-    area.
+    If joint 1 slews, its link is the platform. In the plane, the platform has length, mass, centre
+    of mass and inertia 0. The leakage of closed valves includes the effect of their overlap. Each
+    actuator's V_max is the smallest of its own limit, the common limit, and K √Δp_k / A. The third
+    is the speed at full opening with pressure compensators. K is the valve coefficient, Δp_k the
+    compensators' pressure drop (inf without compensators) and A the cap-side area.
 
     Args:
         config: Content of the machine file.

@@ -42,8 +42,8 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
 
     - If velocity and acceleration of Q are 0 at `at_ns`, the result stands still.
     - If less than `MIN_POINT_SPACING_NS` is left of Q, each joint brakes on its own (`brake_from`).
-    - If Q lasts longer than that, but at most for T, the arm does not brake: the result is the rest
-      of Q, with the velocity 0 at its last point.
+    - If at least `MIN_POINT_SPACING_NS`, but at most T, is left of Q, the arm does not brake. The
+      result is then the rest of Q, with velocity 0 at its last point.
 
     Args:
         machine: The machine, for the moment arms of its cylinders.

@@ -134,8 +134,9 @@ def run(
         130  interrupted (KeyboardInterrupt)
         141  the reader of the output has closed it (BrokenPipeError); nothing is printed
 
-    The codes 1, 2 and 130 come with one sentence on standard error. Other exceptions are bugs and
-    are raised. `--help` prints the help and raises SystemExit with code 0.
+    The codes 1, 2 and 130 come with one sentence on standard error; for a machine file with several
+    problems, with a line for each problem. Other exceptions are bugs and are raised. `--help`
+    prints the help and raises SystemExit with code 0.
 
     Args:
         command: A function whose parameters are the arguments of the command.
@@ -445,7 +446,8 @@ def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> st
     """Return a sentence that says which values an argument takes and what was given instead.
 
     The words after the argument's flag on the command line are the given value. If there are none,
-    it is the first list of words in tyro's message, or else the last quoted word of the message.
+    it is the first list of words in tyro's message, or else the last quoted word of the message. If
+    there is no such word either, the sentence says that nothing was given.
 
     Args:
         argument: The argument, as tyro describes it.

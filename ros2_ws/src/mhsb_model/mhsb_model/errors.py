@@ -117,7 +117,8 @@ class OutOfWorkspaceError(MhsbError):
 
         Args:
             position: Tip position in `base_link` [m].
-            limit: Sentence that says which limit is violated.
+            limit: Sentence that says which limit is violated; it is also stored in the attribute
+                `limit`.
         """
         self.limit = limit
         place = ", ".join(f"{value:.4g}" for value in position)
@@ -156,8 +157,8 @@ def suggest_unit(
         is_admissible: Function that says whether values in the SI unit are within their range.
 
     Returns:
-        Clause to append to a sentence, such as `; in degrees? 17 degrees are 0.2967 rad`. Empty if
-        no other unit makes the values admissible.
+        Clause to append to a sentence, such as `; in degrees? 17 degrees are 0.2967 rad`. It names
+        all units that make the values admissible, and is empty if none does.
     """
     fitting = {
         name: converted

@@ -83,7 +83,8 @@ def open_figure(path: Path | None, height: float, width: float = FIGURE_WIDTH) -
 
     The suffix of the file chooses the format, such as `.png`, `.pdf` or `.svg`. The file is first
     written beside the target under a temporary name, then renamed. So the target is never
-    incomplete. If the block raises, nothing is written, and the target stays as it was.
+    incomplete. The labels of the y axes are aligned before. If the block raises, nothing is
+    written, and the target stays as it was.
 
     Args:
         path: File to write; an existing file is replaced. None writes no file.
@@ -168,7 +169,7 @@ def legend_above(figure: Figure, *all_axes: Axes) -> None:
 
     Args:
         figure: Figure of the axes.
-        all_axes: Axes whose labelled lines and bars are listed.
+        all_axes: Axes whose labelled lines and bars are listed. At least one must have a label.
     """
     entries: dict[str, Any] = {}
     for axes in all_axes:

@@ -826,6 +826,9 @@ class Machine:
     def _describe_workspace_limit(self, position: Sequence[float]) -> str:
         """Return the first rule of the workspace that a position breaks, as a clause.
 
+        The order of the rules is: angle of the slew, x (for a slewing arm the distance from the
+        slew's axis), distance from the origin.
+
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews, in `base_link` [m].
 

@@ -82,8 +82,8 @@ def make_command_entry(module: str) -> Callable[[], int]:
 
     The entry point sets up signals, imports the module and calls its `main`. SIGINT during the
     import ends the process at once, silently and with code 130. SIGINT during `main` raises
-    KeyboardInterrupt; if `main` does not catch it, the code is 130 too. SIGHUP acts as SIGTERM,
-    unless it was ignored before.
+    KeyboardInterrupt; if `main` does not catch it, the code is 130 too. After `main`, SIGINT ends
+    the process at once again. SIGHUP acts as SIGTERM, unless it was ignored before.
 
     Args:
         module: Name of a module with a function `main` that returns the exit code.
@@ -195,7 +195,7 @@ def time_limit(seconds: float) -> Iterator[None]:
     """Context manager that ends the process with code 1 if its block takes too long.
 
     The limit also works while the block executes foreign code that keeps Python's lock (GIL). If a
-    signal has asked this node to end, `LONGEST_END` is left for the rest of its end after the
+    signal has asked this node to end, the limit for its end (`_limit_end`) starts anew after the
     block.
 
     Args:
@@ -334,8 +334,9 @@ def _wait_for_signal(reader: int) -> None:
     SIGTERM only. The function then waits, so that the main thread can end the process by itself. It
     waits for the longest time of all `grace_period` contexts that are open at the signal; without
     such a context it does not wait. Finally the functions of `register_final_action` are called,
-    and the process exits. If foreign code keeps Python's lock (GIL) meanwhile, so that none of this
-    can happen, the process ends with code 1, `LONGEST_END` after the grace periods.
+    their errors are ignored, and the process exits. If foreign code keeps Python's lock (GIL)
+    meanwhile, so that none of this can happen, the process ends with code 1, `LONGEST_END` after
+    the grace periods.
 
     Args:
         reader: File descriptor of the pipe into which Python writes signal numbers.

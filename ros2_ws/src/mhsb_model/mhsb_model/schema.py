@@ -873,9 +873,9 @@ def _complete_booster_keys(content: Any) -> Any:
 
     Returns:
         If `hydraulics.modules.count` is 0, a copy with `BOOSTER_VALUES` for the keys left out, and
-        the main pump's pressure for `max_boost_pressure`. Otherwise the content itself. An empty
-        section `servo_pump` counts as left out. A section of a wrong type stays as it is, so that
-        the validation reports it.
+        the main pump's pressure, limited to the valid range, for `max_boost_pressure`. Otherwise
+        the content itself. An empty section `servo_pump` counts as left out. A section of a wrong
+        type stays as it is, so that the validation reports it.
     """
     oil = _read_section(content, "hydraulics")
     modules, pump = _read_section(oil, "modules"), oil.get("servo_pump")

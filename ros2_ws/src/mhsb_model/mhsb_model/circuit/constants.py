@@ -258,8 +258,9 @@ def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, f
 def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) -> dict[str, float]:
     """Compute the constants of the main pump and of the servo pumps.
 
-    The lags of the pumps become decays over a substep. The slip is inversely proportional to the
-    viscosity.
+    The lags τ of the pumps become decays e^(−dt/τ) over a substep dt. `main_pump_memory` is the
+    mean of e^(−t/τ) over the substep. Both are 0 for a main pump without lag. The slip is inversely
+    proportional to the viscosity.
 
     Args:
         machine: Machine whose file describes the circuit.
@@ -296,7 +297,8 @@ def _compute_servo_valve_constants(
     """Compute the constants of the servo valves, their leakage and their lock valves.
 
     The leakage has two parts: a turbulent flow, and a laminar flow past the lands, inversely
-    proportional to the viscosity. The spool is described by its transition matrix over a substep.
+    proportional to the viscosity. Their constants hold for a valve without overlap. The spool is
+    described by its transition matrix over a substep.
 
     Args:
         machine: Machine whose file describes the circuit.
@@ -337,7 +339,8 @@ def _compute_further_valve_constants(
     """Compute the constants of orifices, check, switching, anti-cavitation and relief valves.
 
     The machine file states the flow Q of a valve at a pressure drop Δp. Check and switching valves
-    get the coefficient Q/√Δp, anti-cavitation and bleed valves Q/Δp.
+    get the coefficient Q/√Δp, anti-cavitation and bleed valves Q/Δp. The manifold's relief valve
+    opens at the main pump's pressure plus a margin.
 
     Args:
         machine: Machine whose file describes the circuit.

@@ -150,7 +150,7 @@ def compute_main_pump_flow(
         pressure: Pressure p in the manifold behind the pump [Pa].
 
     Returns:
-        Flow [m³/s] and its slope −dQ/dp ≥ 0 [m³/(s Pa)].
+        Flow [m³/s] and its slope −dQ/dp ≥ 0 [m³/(s Pa)]; the slope is 0 if the flow is limited.
 
     Source:
         M. Jelali, A. Kroll, Hydraulic Servo-systems (pressure-controlled variable pump).

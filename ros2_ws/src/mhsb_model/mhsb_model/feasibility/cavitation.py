@@ -95,7 +95,8 @@ def summarize_cavitation(
 
     Returns:
         One entry for each actuator that cavitates, in the order of the actuators; empty if none
-        does.
+        does. An entry has the first instant and total duration of cavitation, and the load of
+        largest magnitude during cavitation.
     """
     empty = find_cavitating(machine, force, speed, least_speed)
     span = np.append(np.diff(time), 0.0)

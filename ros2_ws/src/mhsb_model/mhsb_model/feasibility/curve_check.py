@@ -170,9 +170,10 @@ def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float
 def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray:
     """Compute the worst excess over the limits for each quantity and joint of a trajectory.
 
-    The excess of a position is the distance beyond its limit [rad or m]; a joint that starts beyond
-    a limit may only come nearer to it. That of speed, acceleration and jerk is relative:
-    |value|/limit − 1.
+    The excess of a position is the distance beyond its limit [rad or m]. If a joint starts outside
+    its range, its limit is the nearest position to the range that it has reached so far. The excess
+    of speed, acceleration and jerk is relative: |value|/limit − 1. It is inf if the numbers
+    overflow.
 
     Args:
         limits: Limits of each joint.
@@ -204,7 +205,8 @@ def describe_curve_problem(machine: Machine, trajectory: Trajectory) -> str | No
 
     Returns:
         A clause that begins with "its trajectory" and names the joint, the time after the first
-        point, the value and the limit. None if the trajectory keeps all limits.
+        point, the value and the limit. The value of a position is its distance beyond the joint's
+        limits. None if the trajectory keeps all limits.
     """
     limits = machine.curve_limits
     excess = find_curve_excess(limits, trajectory)
@@ -595,7 +597,8 @@ def _write_polynomial_roots(control: FloatArray, breaks: FloatArray, points: Flo
     Args:
         control: Bernstein control values of the polynomial.
         breaks: 0, the roots of the polynomial's derivative in ascending order, and 1. Between two
-            neighbours the polynomial is monotone, so it has at most one root there.
+            neighbours the polynomial is monotone, so it has at most one root there. A root is found
+            only if the sign changes between them.
         points: Result in ascending order, written in place; it needs one place more than `breaks`
             has.
 

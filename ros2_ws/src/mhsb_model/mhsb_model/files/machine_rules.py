@@ -315,8 +315,9 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
         config: Content of a machine file.
 
     Returns:
-        One string `path: sentence` for each position beyond its limits. If the number of positions
-        is wrong, one string says so.
+        One string `path: sentence` for each position beyond its limits. Joints whose lower limit is
+        not below the upper one are skipped. If the number of positions is wrong, a single string
+        says so.
     """
     start = config.simulation.start_posture
     if len(start) != len(config.joints):

@@ -60,6 +60,7 @@ def make_parent_folder(file: Path, purpose: str) -> None:
     Raises:
         MhsbError: The path is a folder, a parent of it is a file, or more than one folder would
             have to be created.
+        OSError: The folder cannot be created for another reason.
     """
     if file.is_dir():
         raise MhsbError(f"{file} is a folder; name a file for {purpose}")

@@ -147,7 +147,7 @@ def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
     """Describe a number beyond its limit, and suggest another unit if the user may have meant it.
 
     A unit is suggested if the number, read in this unit, is within the limit. A number without unit
-    counts as a share, possibly given in percent, if its limit is 1 or less.
+    counts as a share, possibly given in percent, if it is above an upper limit of at most 1.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`, of a type in LIMIT_ERRORS.

@@ -11,6 +11,8 @@ class ValuePathError(MhsbError):
     def __init__(self, path: str, part: str, valid: list[str]) -> None:
         """Make the message from the path, the part that does not exist, and the valid names.
 
+        `path` and `valid` become attributes of the error.
+
         Args:
             path: Whole path, such as `joints.0.link.mass`.
             part: The part of `path` that does not exist.
@@ -52,8 +54,8 @@ def set_value(content: Any, path: str, value: Any) -> None:
         value: New value.
 
     Raises:
-        ValuePathError: A part of the path is not an index of its list, or has a single value above
-            it.
+        ValuePathError: A part of the path is not an index of its list, or stands below a plain
+            value.
     """
     *way, last = path.split(".")
     for part in way:

@@ -43,7 +43,7 @@ class YamlFileError(MhsbError):
     """Error for a file that cannot be read as YAML; `reason` says why, without the path."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        """Make the message from the file and the reason.
+        """Make the message from the file and the reason, and keep both as attributes.
 
         Args:
             path: File that cannot be read.
@@ -81,7 +81,8 @@ def read_value(text: str) -> Any:
         The value as None, bool, number, text, date, list or dict.
 
     Raises:
-        YamlTextError: The text is not YAML, has a number that is too long, or is nested too deeply.
+        YamlTextError: The text is not YAML, has a number that is too long, or is nested too deeply
+            or in itself.
     """
     try:
         depth = 0

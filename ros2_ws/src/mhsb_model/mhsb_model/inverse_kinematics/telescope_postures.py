@@ -162,8 +162,8 @@ def sample_extensions(m: MachineArrays, held: IntArray, samples: int) -> FloatAr
         samples: Number of extensions of each telescope, from limit to limit.
 
     Returns:
-        One combination per row, float64[samples ** telescopes, telescopes], [m]. If `held` is
-        empty, one row without columns.
+        One combination per row, float64[samples ** telescopes, telescopes], [m]. The last
+        telescope's extension changes fastest. If `held` is empty, one row without columns.
     """
     ends = zip(m.joint_min[held], m.joint_max[held], strict=True)
     grids = np.meshgrid(*(np.linspace(*each, samples) for each in ends), indexing="ij")

@@ -389,8 +389,9 @@ def intersect_line_with_circle(
         side: Sign of the square root, −1 or 1.
 
     Returns:
-        Whether the line meets the circle, and s of the selected intersection [m]. If the line
-        misses the circle, s belongs to the point of the line that is nearest to the origin.
+        Whether the line meets the circle (up to rounding), and s of the selected intersection [m].
+        If the line misses the circle, s belongs to the point of the line that is nearest to the
+        origin.
     """
     across = px * ez - pz * ex
     under = squared_radius - across * across

@@ -84,7 +84,7 @@ class _BarProgress:
     """Progress bar on a terminal; without a terminal it prints one line at the start."""
 
     def __init__(self, total: int) -> None:
-        """Show an empty bar for a number of functions to compile."""
+        """Show an empty bar for some functions to compile; without a terminal, print one line."""
         self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
         if self._bar.disable:
             print(

@@ -81,7 +81,8 @@ class SharedDispatcher:
         - If a stored version could not be read, all stored versions are deleted. The second run
           compiles.
 
-        Errors of numba's compiler and all errors of the second run are raised at once.
+        Errors of numba's compiler and all errors of the second run are raised at once. After a
+        success, the hashes of all stored versions are recorded if this dispatcher has compiled any.
 
         Args:
             compile_version: Function without arguments that compiles or loads a version.

@@ -33,7 +33,8 @@ LAST_STEP = 1e-7
 def build_linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
     """Return the numbers of a linkage in the form in which kernels take them.
 
-    A slew is described as a cylinder whose length changes by the pitch radius per rad.
+    A slew is described as a cylinder whose length changes by the pitch radius per rad. The cylinder
+    of a telescope is as long as its retracted length plus the extension.
 
     Args:
         linkage: Linkage of a machine file.

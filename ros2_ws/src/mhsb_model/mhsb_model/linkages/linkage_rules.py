@@ -149,7 +149,7 @@ def _suggest_limits(joint: AnyJoint) -> str:
         joint: Joint section of the file.
 
     Returns:
-        The clause, its numbers rounded inwards; empty if no range is left by that.
+        The clause, with numbers rounded inwards to 1 mrad; empty if rounding leaves no range.
     """
     row = linkage.build_linkage_row(joint.linkage)
     low, high = _find_usable_range(row, joint.limits.lower, joint.limits.upper)
@@ -162,14 +162,15 @@ def _suggest_limits(joint: AnyJoint) -> str:
 def _suggest_angle(joint: AnyJoint) -> str:
     """Return a clause with the angle of a slider-crank's child pin that allows a joint's limits.
 
-    In the middle between the limits, the angle between the pins is then in the middle of the range
-    that their radii allow. The moment arm keeps the sign that its largest value has.
+    With this angle, the middle of the joint's limits is the middle of the range in which the moment
+    arm is large enough. The moment arm keeps the sign that its largest value has.
 
     Args:
         joint: Joint section of the file.
 
     Returns:
-        The clause; empty for other linkages, or if no angle of the pin allows the limits.
+        The clause; empty for other linkages, or if this angle breaks the rule for the moment arm or
+        for the stroke.
     """
     crank, limits = joint.linkage, joint.limits
     if not isinstance(crank, SliderCrank):

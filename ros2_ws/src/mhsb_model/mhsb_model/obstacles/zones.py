@@ -287,7 +287,8 @@ def build_obstacles(keep_out: KeepOut, joints: int, joints_before_plane: int = 0
     - An obstacle for the whole arm has a row for each link in the plane.
     - An obstacle for the tip alone has one row.
     - The base has no row for the first link in the plane, which is mounted on it.
-    - Self-collision has a row for each pair of links that are not neighbours.
+    - Self-collision has a row for each pair of links that are not neighbours, with the sum of their
+      radii.
 
     If the file has no radii of links, they are 0.
 
