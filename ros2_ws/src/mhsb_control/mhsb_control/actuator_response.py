@@ -158,9 +158,13 @@ class InverseCurve:
     ) -> None:
         """Build the declared curve, or an assumed curve without a dead band.
 
-        The assumed curve is the mean of two curves. In the first, the speed is proportional to the
-        command. In the second, it is proportional to the power `max_exponent` of the command. A
-        declared curve is raised where it increases too little (`min_slope_ratio`).
+        At each speed, the assumed command is the mean of the commands of two curves. In the first
+        curve, the speed is proportional to the command. In the second, it is proportional to the
+        power `max_exponent` of the command. A declared curve is raised where it increases too
+        little (`min_slope_ratio`).
+
+        The initial covariance follows from the deviations of dead band, gain and bend in
+        `settings`. For the assumed curve, half the difference of both curves is added.
 
         Args:
             full_speed: Assumed speed at the full command [m/s].
@@ -229,9 +233,10 @@ class InverseCurve:
     def restore(self, learnt: DirectionResponse) -> None:
         """Replace the curve by a curve from an estimates file.
 
-        The file's curve is interpolated at the knots of this curve. The standard deviations come
-        from the file, but are at most those of a new curve. The correlations are those of a new
-        curve. `known_speed` comes from the file, too, but is at most the speed of the last knot.
+        The file's curve is interpolated at the knots of this curve, and raised where it increases
+        too little. The standard deviations come from the file, but are at most those of a new
+        curve. The correlations are those of a new curve. `known_speed` comes from the file, too,
+        but is at most the speed of the last knot.
 
         Args:
             learnt: Curve from an estimates file.
@@ -257,7 +262,8 @@ class InverseCurve:
 
         A Kalman filter corrects the commands at all knots, and their covariance. `known_speed`
         rises to that of the fastest knot whose standard deviation is below half of its initial one.
-        The next call of `raise_dead_band` uses its first step again.
+        The speed counts for `has_driven`, and the next call of `raise_dead_band` uses its first
+        step again.
 
         Args:
             speed: Measured speed ≥ 0 [m/s].

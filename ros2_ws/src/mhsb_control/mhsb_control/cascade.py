@@ -405,7 +405,8 @@ def build_axis_records(
 
     Returns:
         One record for each cylinder, [n]. The bias d and `force_to_command` are NaN until the first
-        step, and `deliverable_speed` is inf. All other lengths, speeds and forces are 0.
+        step. `deliverable_speed` is inf, and `friction_share` is 1. All other lengths, speeds and
+        forces are 0.
     """
     config = machine.config
     frequency, highest = find_joint_frequency_ranges(machine)
@@ -495,8 +496,9 @@ def compute_piston_demands(s: ServoArguments) -> None:
     """Compute the demanded piston speed u of all axes, and update the load estimate.
 
     For each axis, the forces of the reference, oil stiffness, friction and bias d are computed. d
-    is a slow estimate of the unmodelled force. `demand_speed` then gives u. In the first control
-    step, d is set so that the feedforward equals the measured force.
+    is a slow estimate of the unmodelled force: it follows the measured force minus the feedforward,
+    with the time constant `bias_time`. In the first control step, d is set so that the feedforward
+    with d equals the measured force. `demand_speed` then gives u.
 
     While a joint moves steadily and its valve is not saturated, its measured force updates the
     estimates of payload and friction. A motion is steady if both of these hold:
@@ -565,7 +567,8 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     the force of gravity, or the whole force if that is smaller in magnitude.
 
     If commands act at once (`command_times` is 0), the present values are also used for the times
-    at which commands act. `force_to_command` and `force_rate` are then not written.
+    at which commands act. `force_to_command` and `force_rate` are then not written. `force_rate` is
+    the change of `force_to_command` since the last step, per second, and 0 in the first step.
     `max_speed_at_rest` is inf while the reference moves, now or at the preview point. Otherwise it
     is the piston speed at which the joint moves with `rest_speed`.
 
@@ -663,9 +666,10 @@ def demand_speed(
     0 if commands act at once). ω_F is the bandwidth of the force loop [1/s], and k_h the stiffness
     of the oil [N/m]. k_p is the gain of the position loop [1/s], and T the time until a command
     acts [s]. The magnitude of u is limited to `deliverable_speed`, which the pumps can supply.
-    While the reference rests, it is also limited to `max_speed_at_rest`. The integral w stays
-    constant while the valve is saturated (anti-windup). While the reference rests, w changes only
-    if the joint error is between `min_rest_error` and `max_rest_error`.
+    While the reference rests, it is also limited to `max_speed_at_rest`. The integral w is limited
+    to ± `integral_limit`, and stays constant while the valve is saturated (anti-windup). While the
+    reference rests, w changes only if the joint error is between `min_rest_error` and
+    `max_rest_error`.
 
     Args:
         axis: State of the cylinder's control axis. Writes `feedforward` (F_known + d), `integral`

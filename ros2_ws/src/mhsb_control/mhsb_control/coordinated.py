@@ -304,8 +304,9 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState, settings: Coordination
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `reaction_time` [s] of `gains`,
-            `command_times` [s], and `force_bandwidth`, `position_gain` and `integral_gain` of all
-            axes, in place.
+            and `force_bandwidth`, `position_gain` and `integral_gain` of all axes, in place. Also
+            writes `command_times` [s]: until a valve command acts, until the valve has crossed its
+            overlap, and until a pump command acts.
         p: State of the pumps with the estimates of delay and compressibility.
         settings: Tuned numbers of the controller itself.
     """

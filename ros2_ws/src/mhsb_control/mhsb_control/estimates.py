@@ -103,7 +103,9 @@ def _build_shared_estimates(
         pump_settings: Tuned numbers of `lines` and `drives`, with initial standard deviations.
 
     Returns:
-        Estimates of payload, bulk modulus, pump lag and delay, with an empty actuator name.
+        Estimates of payload, bulk modulus, pump lag and delay, with an empty actuator name. The
+        bulk modulus is relative to that of the machine file. The deviation of the delay is its
+        distance from the longest plausible delay.
     """
     lag, deviation, delay, latest, step = (
         drives.record[name][0]

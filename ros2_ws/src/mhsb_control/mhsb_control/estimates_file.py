@@ -76,8 +76,9 @@ def read_estimates_file(path: Path, machine: Machine) -> dict[str, ActuatorRespo
         Response of each actuator by its name; None if the file does not exist yet.
 
     Raises:
-        EstimatesFileError: The folder does not exist, the file is damaged, it belongs to another
-            machine, or it lacks an actuator of the machine.
+        EstimatesFileError: The folder does not exist, the file is damaged, or its actuators are not
+            those of the machine. Or the file belongs to a machine with another name or planning
+            hash.
     """
     if not path.exists():
         if path.parent.is_dir():

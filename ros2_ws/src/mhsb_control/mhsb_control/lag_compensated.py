@@ -246,9 +246,10 @@ class LagCompensatedAxis:
         predicted length is a measured length plus the stroke that commands cause after the
         measurement. The mean runs over one period of the joint's oscillation on its oil. Once the
         reference has rested for one delay, the predicted strokes are multiplied by the ratio of
-        real to predicted motion. The correction and the demanded speed are limited. While the
-        reference moves, the command passes linearly through the dead band at speeds below
-        `min_speed_ratio`.
+        real to predicted motion. The correction is limited by `max_correction_ratio`. The demanded
+        speed is limited to `known_speed_factor` times the fastest known speed, but to no less than
+        `first_speed_ratio` of the speed limit. While the reference moves, the command passes
+        linearly through the dead band at speeds below `min_speed_ratio`.
 
         While the reference rests, `_tolerates_error` says when a correction begins and ends.
 
@@ -303,7 +304,7 @@ class LagCompensatedAxis:
         rest is updated. If the error has changed its sign since the last correction began, that
         correction went too far, and the ratio is doubled. Otherwise the ratio is multiplied by 0.8.
         The ratio stays within 1 … `max_creep_ratio`. The first correction after a motion does not
-        change the ratio.
+        change the ratio, nor does a correction within one delay after the motion.
 
         Args:
             error: Reference length minus predicted length [m].
@@ -339,6 +340,8 @@ class LagCompensatedAxis:
 
     def _learn(self) -> None:
         """Update curves and delay from the mean speed of the piston in the last window.
+
+        Each call also makes both curves a little less certain (`forget`).
 
         The delay is learnt only once each curve has a known knot. A curve is learnt only if all
         commands that caused the motion had one direction. The piston must have moved in this
@@ -543,10 +546,10 @@ class LagCompensatedController:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """Dead band (mean of both directions) and delay of each actuator.
+        """Dead band (named "overlap", the mean of both directions) and delay of each actuator.
 
-        A dead band counts as known once a knot of the curve of each direction is known. The
-        standard deviation is `delay_spacing` for a known delay, `max_delay` for an unknown delay.
+        A dead band counts as known once each direction's curve has a known knot. The standard
+        deviation of a delay is `delay_spacing` if the delay is known, else `max_delay`.
         """
         found = []
         for name, axis in zip(self._names, self.axes, strict=True):
@@ -597,6 +600,9 @@ class LagCompensatedController:
         Each pump also delivers its slip flow at the highest boost pressure, because the line's
         pressure is not known. The command is at most the pump's largest flow. A pump that serves no
         actuator is commanded to 0.
+
+        A join valve is opened if its line draws from the rail (`joins_rail`), else shut. A diverter
+        leads to the rail if its module serves an actuator other than its own.
         """
         signals, arrays = self._signals, self._arrays
         circuit, serves = signals.circuit, signals.serves

@@ -76,7 +76,7 @@ class ServoLoop:
     def restart(self, learnt: Mapping[str, ActuatorResponse] | None = None) -> None:
         """Replace the controller by a new one.
 
-        Reference, mode guard and modes are not changed.
+        `signals.command_times` become 0. Reference, mode guard and modes are not changed.
 
         Args:
             learnt: Learnt response of each actuator by its name; the new controller's first
@@ -154,7 +154,8 @@ class ServoLoop:
         pump charges its line.
 
         Writes `self.modes` (modes in force), and three arrays of `signals` in place: `modes`
-        (prepared modes), `modes_ahead` (modes at the end of `preview`) and `serves`.
+        (prepared modes), `modes_ahead` (modes at the end of `preview`) and `serves`. The guard gets
+        the plan's modes (`record_modes`).
         """
         modules, lost, signals = self._modules, self.lost_modules, self.signals
         planned, planned_ahead = self.reference.modes, self.reference.modes_ahead

@@ -351,10 +351,11 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
     """Observe the flow that lines really draw, and correct the expected flow of boosted lines.
 
     If pumps alone feed a line, its `line_flow` is reduced by the observed shortfall, but not by
-    more than its `commanded_flow`. Pumps alone feed a line if its join valve is shut and its
-    pressure is above `fed_below`, so that its check valve is closed. The rail and all lines joined
-    to it count as one line, the last record of `draws`. `compute_rail_demand` subtracts the
-    shortfall of this line.
+    more than its `commanded_flow`. Pumps alone feed a boosted line if its join valve is shut and
+    its pressure is above `fed_below`, so that its check valve is closed. The rail and all lines
+    joined to it count as one line, the last record of `draws`. Pumps alone feed the rail if its
+    pressure is above `fed_below` and each line is either joined or shut off. `compute_rail_demand`
+    subtracts the shortfall of the rail.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reduces `line_flow` of axes [m³/s] in

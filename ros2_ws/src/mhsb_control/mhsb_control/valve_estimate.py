@@ -324,7 +324,7 @@ def build_valve_estimates(
     Args:
         records: Records of the valves, by `build_valve_records`. Writes `gain` in place.
         overlap: Array that becomes the result's field `overlap`, float64[n, 2]. The declared
-            overlaps are written in place.
+            overlaps, at most `max_overlap`, are written in place.
         declared: Overlaps o that the machine file declares for extension and retraction, as shares
             of the spool's stroke.
         settings: Tuned numbers.
@@ -563,7 +563,8 @@ def raise_overlap(valves: ValveEstimates, j: int, k: int, rise: float) -> None:
 def apply_estimates(valves: ValveEstimates) -> None:
     """Limit the estimated gains, and set the gains and overlaps that the valve inversion uses.
 
-    If a gain is moved to its limit, all estimates that are correlated with it move as well.
+    If a gain g is moved to its limit, all estimates that are correlated with it move as well. The
+    overlap is b/(g + b), limited to 0 … `max_overlap`.
 
     Args:
         valves: Estimates. Writes `estimate`, `gain` and `overlap` in place.

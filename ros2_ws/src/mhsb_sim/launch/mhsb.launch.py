@@ -39,7 +39,8 @@ def make_state_publisher(context) -> list[Node]:
     The node computes TF frames from the URDF and the joint states.
 
     Args:
-        context: Launch context, from which the argument `machine` is read.
+        context: Launch context, from which the argument `machine` is read. If this is empty, the
+            suite's own arm is taken.
 
     Returns:
         List of one node; empty if the package is not installed.
@@ -65,7 +66,10 @@ def make_state_publisher(context) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the launch description: arguments, planner, simulator and robot_state_publisher."""
+    """Return the launch description: arguments, planner, simulator and robot_state_publisher.
+
+    With `use_sim_time`, the simulator publishes /clock.
+    """
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
         for name, (default, _, meaning) in ARGUMENTS.items()

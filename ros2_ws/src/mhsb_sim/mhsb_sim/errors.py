@@ -12,7 +12,7 @@ class SimulationDivergedError(MhsbError):
     """
 
     def __init__(self, quantity: str, time: float) -> None:
-        """Build the error with its sentence.
+        """Build the error with its sentence; both arguments become attributes.
 
         Args:
             quantity: Name of the quantity that is not finite.

@@ -81,8 +81,8 @@ class ModeGuard:
     def reset(self) -> None:
         """Restart the filters of measurements, end boost and holds, and set the plan to full speed.
 
-        The filters of the supply pressure's rate and of the reserve in boost go on. The counts of
-        interventions and the delay of the reference behind the plan are kept.
+        The filters of the supply pressure's rate, of the reserve in boost and of the valve opening
+        go on. The counts of interventions and the delay of the reference behind the plan are kept.
         """
         self._state.totals["is_initialized"] = 0.0
         self._state.actuators["requested_mode"] = 0

@@ -334,7 +334,8 @@ def run_governor_step(g: GovernorState) -> bool:
     The requested rate is at least `min_rate`. It may be 0 only if the line of a moving actuator has
     less than `min_driving_pressure` beyond its load pressure. `update_rate` then moves the rate
     towards the requested one. The kernel also counts how often and how long the plan is slowed, and
-    how long it has been held: at a rate below `min_rate`, by a line that cannot move its actuator.
+    how long it has now been held: at a rate below `min_rate`, by a line that cannot move its
+    actuator.
 
     Args:
         g: State of the governor. Writes `actuators`, `totals` and `speed_scaling` in place.

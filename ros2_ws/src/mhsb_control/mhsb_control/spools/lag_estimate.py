@@ -164,7 +164,8 @@ def build_lag_estimates(
         settings: Tuned numbers.
 
     Returns:
-        The estimate, with all spools shut and no window evaluated.
+        The estimate, with all spools shut and no window evaluated. The possible lags are `lag` plus
+        each of LAG_EXCESSES.
     """
     lags, record = lag + np.array(LAG_EXCESSES), create_records(SpoolLag, 1)
     record["lag"], record["damping"] = lag, damping
@@ -202,8 +203,10 @@ def advance_spools(
 
         ẍ = ω² (x_cmd − x) − 2 ζ ω ẋ,    ω = 2 ζ/ℓ
 
-    The equation is integrated by the implicit Euler method. The command x_cmd counts when it acts.
-    A window in which x_cmd is 0, or fully opens the valve, becomes unusable.
+    ℓ is the lag. The equation is integrated by the implicit Euler method. The command x_cmd counts
+    when it acts. The stroke grows by the opening beyond the estimated overlap, times the piston
+    speed per opening. It begins at 0 in each window. A window in which x_cmd is 0, or fully opens
+    the valve, becomes unusable.
 
     Args:
         lags: Estimate of the lag. Writes the openings, rates and strokes of the valve's `spools` in
@@ -246,8 +249,12 @@ def accumulate_lag_window(
 
     If the estimated overlap of the valve has changed, all sums become 0 first, since the strokes
     were predicted with another one. y is the stroke, z = ΔF/k_h, and p the stroke that is predicted
-    for a lag, all as shares of a window's stroke at V_max. The module's text says which windows are
-    used.
+    for a lag, all as shares of a window's stroke at V_max. c is the factor on the compressibility.
+    A window is used if three conditions hold:
+
+    - No step has made it unusable (`advance_spools`).
+    - The predicted strokes of all lags span at least `min_excitation`.
+    - |y + c z| is at least `min_flow_share` times the largest |p|.
 
     Args:
         lags: Estimate of the lag. Writes `squares`, and the overlaps in `windows`, in place.
@@ -306,14 +313,15 @@ def forget_lag_windows(sums: FloatArray) -> None:
 def select_lag(lags: LagEstimates) -> None:
     """Compute the residual of each possible lag, and take another lag if it fits clearly better.
 
-    With the sums Σ over windows, and in each of them the stroke y = ΔL, the compression z = ΔF/k_h
-    and the predicted stroke p = P(ℓ), and with the weights w_θ and w_c of the priors,
+    Each window has the stroke y = ΔL, the compression z = ΔF/k_h and the predicted stroke p = P(ℓ).
+    Σ is a sum over windows, and w_θ and w_c are the weights of the priors:
 
         residual = min over θ and c of Σ (y + c z − θ p)² + w_θ (θ − 1)² + w_c (c − 1)²
 
     Args:
-        lags: Estimate of the lag. Writes the last row of `squares`, and `lag` and `index` of
-            `record`, in place.
+        lags: Estimate of the lag. Writes the last row of `squares` in place. If the least residual
+            is smaller than that of the present lag by more than `min_evidence`, also writes `lag`
+            and `index` of `record`.
     """
     own, sums, settings = lags.record[0], lags.squares, lags.settings[0]
     on_gain, on_oil, best = settings.gain_weight, settings.compressibility_weight, own.index

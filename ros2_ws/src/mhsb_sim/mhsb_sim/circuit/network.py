@@ -208,7 +208,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
 
     Returns:
         The circuit at rest. There is no vapour, all energy and oil counters are 0, and the tank is
-        at tank pressure.
+        at tank pressure. The main pump delivers what the closed valves leak.
     """
     arrays = machine.arrays
     actuator_count, module_count = machine.joint_count, arrays.module_count
@@ -395,6 +395,8 @@ def update_friction(
 def move_port_valve(circuit: Circuit, k: int) -> None:
     """Advance the opening of a port valve by a substep, with the pressures at the substep's start.
 
+    The opening follows that of `compute_port_opening` as a first-order lag.
+
     Args:
         circuit: The circuit. Writes the opening into `valves`, and the coefficient of the chamber
             into `nodes`, in place.
@@ -459,9 +461,10 @@ def connect_supply(circuit: Circuit, count: int) -> int:
 def connect_servo_pumps(circuit: Circuit, count: int) -> int:
     """Advance servo pumps and diverters by a substep, and add the pumps to the list of elements.
 
-    A diverter leads a pump's flow to the rail or to the actuator's own line. So each pump has up to
-    two elements for its flow, and two for its slip. A pump's flow is limited by its largest speed
-    and by its drive's power, and falls if the manifold's pressure does not fill the pump.
+    A diverter leads a pump's flow to the rail or to the actuator's own line; spare modules feed the
+    rail only. So each pump has up to two elements for its flow, and two for its slip. A pump's flow
+    is limited by its largest speed and by its drive's power, and falls if the manifold's pressure
+    does not fill the pump.
 
     Slip is the flow that leaks back through a pump, also if the pump stands still. It is
     proportional to the pressure rise, and negative if the manifold has the higher pressure.

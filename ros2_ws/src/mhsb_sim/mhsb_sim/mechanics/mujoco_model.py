@@ -237,7 +237,7 @@ def _add_payload(parent: mujoco.MjsBody, offset: float, mass: float, size: float
         parent: Body of the last link.
         offset: Length of that link [m].
         mass: Payload [kg].
-        size: Factor on the drawn sphere; 1 for an arm of the reach of the published arm [-].
+        size: Size of the arm relative to the paper's, for the drawn sphere.
     """
     payload = parent.add_body(
         name="payload",

@@ -243,7 +243,7 @@ class SimNode(Node):
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Reset the arm: start posture at rest, all faults ended, plans forgotten.
 
-        The parameter `fault` is set to none, too.
+        The parameter `fault` is set to none, and simulated time starts anew (`_restart_arm`).
 
         Args:
             request: Empty request.

@@ -195,7 +195,7 @@ class FrozenLength(Symptom):
         """Find the length sensor that is most likely frozen.
 
         This is the sensor whose piston should have moved farthest since the sensor's reading last
-        changed.
+        changed. A sensor without noise never counts as frozen.
 
         Args:
             sample: State of the arm.
@@ -228,9 +228,9 @@ def compute_frozen_length_time(machine: Machine, limit: float) -> float:
 
     Returns:
         Longest time from the last sound reading to the finding [s]. It consists of n periods of
-        readings and one watch period. n is the smallest number of periods in which the fastest
-        piston moves farther than `limit`. The time is infinite if the sensors have no noise, since
-        supervision does not examine them.
+        readings (of at least one watch period each) and one watch period. n is the smallest number
+        of periods in which the fastest piston moves farther than `limit`. The time is infinite if
+        the sensors have no noise, since supervision does not examine them.
     """
     if not compute_length_errors(machine).noise.any():
         return math.inf
@@ -487,8 +487,9 @@ class ServoPumpMonitor:
     def update(self, sensed: Sensed) -> bool:
         """Compare all pumps with simulated healthy ones, and record new failures in `failures`.
 
-        A pump fails if its flow has deviated by more than `pump_deviation` for longer than
-        `pump_failure_time`. Each call counts as WATCH_PERIOD.
+        A healthy pump follows its command with the lag of the machine file, limited by its power at
+        the highest line pressure. A pump fails if its flow has deviated by more than
+        `pump_deviation` for longer than `pump_failure_time`. Each call counts as WATCH_PERIOD.
 
         Args:
             sensed: Readings and commands of this sample; flows, commanded flows and line pressures

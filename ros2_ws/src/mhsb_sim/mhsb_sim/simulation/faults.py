@@ -157,6 +157,8 @@ def set_faults(
 ) -> None:
     """Make all parts of a plant healthy, then set faults.
 
+    A fault of a kind without places holds for all records of its part.
+
     Args:
         faults: All faults that are to exist; others end.
         plant: The plant, changed in place.

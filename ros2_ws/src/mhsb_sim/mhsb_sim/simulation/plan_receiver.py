@@ -192,7 +192,8 @@ class PlanReceiver:
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> list[HandOverReport]:
         """Receive the mode schedule of a plan, and store it until `update` hands the plan over.
 
-        The schedule is ignored if its plan already has one, or a report.
+        The schedule is ignored if its plan has a report already, or has another usable schedule. An
+        unusable one, as one that needs too many booster modules, refuses the plan.
 
         Args:
             schedule: The mode schedule with its stamp.
@@ -290,7 +291,8 @@ class PlanReceiver:
 
         The first of these reasons is returned: the arm has a fault; the message cannot be used; the
         stamp is not after the last start, stop, reset or end of a fault; the stamp is not newer
-        than that of the plan before; the stamp is too far ahead of the arm's time.
+        than that of the waiting plan or of the last applied one; the stamp is too far ahead of the
+        arm's time.
 
         Args:
             stamp: Stamp of the plan [ns].
@@ -446,8 +448,8 @@ def compute_jump(old: MotionState, new: MotionState) -> tuple[float, float]:
 def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
     """Return why the machine cannot follow a trajectory.
 
-    Three things are checked: the number of joints, rest at the end, and the machine's limits along
-    the curve (`describe_curve_problem`).
+    Three things are checked: the number of joints, rest at the end (within `MAX_HAND_OVER_JUMP`),
+    and the machine's limits along the curve (`describe_curve_problem`).
 
     Args:
         machine: The machine.

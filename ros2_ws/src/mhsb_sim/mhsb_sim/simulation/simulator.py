@@ -230,6 +230,8 @@ class Simulator:
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
         """Build the sensors and the servo, open the valves, and hold a posture.
 
+        Without pressure sensors, the servo gets the constant pressures of `ServoSignals.at_rest`.
+
         Args:
             q: Joint positions to be held, float64[n], [rad or m].
             modes: Modes in which it is held, uint8[n].
@@ -523,7 +525,7 @@ class Simulator:
 
         - The pressures of both chambers exceed the mean of supply and tank pressure. If the valve
           opened, oil would flow back.
-        - The joint is pressed against its end stop.
+        - The joint is pressed against its end stop, and its higher chamber pressure exceeds `drop`.
 
         The relief valves of this actuator are then set below its higher chamber pressure, by
         `drop`. The settings are restored when the valves open.

@@ -147,6 +147,8 @@ class SupervisedArm:
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> None:
         """Receive the trajectory of a plan, and hand the plan over if it is complete and due.
 
+        If the last plan has ended, the delay that speed scaling has caused becomes 0 first.
+
         Reports on plans are stored for `take_reports`.
 
         Args:
@@ -159,6 +161,8 @@ class SupervisedArm:
 
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> None:
         """Receive the mode schedule of a plan, and hand the plan over if it is complete and due.
+
+        If the last plan has ended, the delay that speed scaling has caused becomes 0 first.
 
         Reports on plans are stored for `take_reports`.
 
