@@ -164,7 +164,8 @@ class InverseCurve:
         little (`min_slope_ratio`).
 
         The initial covariance follows from the deviations of dead band, gain and bend in
-        `settings`. For the assumed curve, half the difference of both curves is added.
+        `settings`. For the assumed curve, half the difference of both curves counts as a further
+        deviation.
 
         Args:
             full_speed: Assumed speed at the full command [m/s].

@@ -62,9 +62,10 @@ def compute_coasting_limit(
     point matter, since the pressure peaks when the pump has slowed down to the drawn flow.
 
     Args:
-        volume: V, oil drawn from the line up to each point, float64[points], [m³]. Element k
-            belongs to the time k times `spacing`. Element 0 is the volume that the present flow
-            would draw up to point 1. Up to point 1, V is taken as quadratic in time.
+        volume: V, oil drawn from the line up to each point, float64[points], [m³]. Element k ≥ 1
+            belongs to the time k times `spacing`. Up to point 1, V is taken as quadratic in time.
+            Element 0 gives its first slope: it is the volume that the present flow would draw up to
+            point 1.
         coasting: V_c, delivered volume per flow, float64[COASTING_SAMPLES + points − 1], [s]. The
             first COASTING_SAMPLES times are evenly spaced from 0 to before point 1, the others are
             points 1, 2, ….

@@ -305,8 +305,8 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState, settings: Coordination
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `reaction_time` [s] of `gains`,
             and `force_bandwidth`, `position_gain` and `integral_gain` of all axes, in place. Also
-            writes `command_times` [s]: until a valve command acts, until the valve has crossed its
-            overlap, and until a pump command acts.
+            writes `command_times` [s]: the times until a valve command acts, until the valve has
+            crossed its overlap, and until a pump command acts.
         p: State of the pumps with the estimates of delay and compressibility.
         settings: Tuned numbers of the controller itself.
     """
@@ -673,9 +673,8 @@ def may_leave_early(
 
     - Another boosted line on the rail needs a pressure that is higher by more than `joined_drop`.
     - The line's mode will not be SB (shared boost) at the preview point, a fixed time ahead.
-    - One pump can supply the line's flow, less the leakage that the lower pressure will save. The
-      pump counts with its full flow, but while the line is joined to the rail only with the share
-      `flow_share` of it.
+    - One pump can supply the line's flow, less the leakage that the lower pressure will save. While
+      the line is joined to the rail, only the share `flow_share` of the pump's full flow counts.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -697,6 +696,8 @@ def may_leave_early(
 @kernel(borrows=True)
 def join_line(s: ServoArguments, p: PumpState, j: int) -> float:
     """Compute the opening of a line's join valve, and join the line if the pressures agree.
+
+    The pressures of line and rail agree if they differ by less than `joined_drop`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `joined` of the axis in place.

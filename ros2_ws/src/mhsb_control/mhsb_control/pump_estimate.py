@@ -251,7 +251,8 @@ def accumulate_pump_window(
     discarded in two cases:
 
     - |x| is below `min_excitation`.
-    - ΔQ/x corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine file's.
+    - `rise`/x corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine
+      file's.
 
     The weight of earlier windows is multiplied by `forgetting_factor`.
 

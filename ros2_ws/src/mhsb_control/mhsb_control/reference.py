@@ -156,8 +156,8 @@ class ReferencePreview:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True if, now or at point `PREVIEW_POINT`, another row of the mode schedule applies than
-            at the previous call. True at the first call after `follow`.
+            True if the mode schedule's row that applies now, or at point `PREVIEW_POINT`, has
+            changed since the previous call. True at the first call after `follow`.
         """
         now, ahead = self._rows
         self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)

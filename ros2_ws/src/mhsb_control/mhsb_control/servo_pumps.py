@@ -430,8 +430,9 @@ def compute_pump_demand(
 
     - The sum of both flows is at most the limit of `compute_coasting_limit` for the estimated pump.
     - The charging flow is at most `charging_flow_left`.
-    - The sum is at most the coasting limit of a slower pump on a stiffer line. In any case, at
-      least the share `min_charge_share` of the charging flow is allowed.
+    - The sum is at most the coasting limit of a slower pump on a stiffer line, both by
+      `caution_sigmas` standard deviations. In any case, at least the share `min_charge_share` of
+      the charging flow is allowed.
 
     The first limit is less strict if the line is below its target pressure and the manifold may
     also feed it. Such a line gets the drawn flow and `min_charge_share` of the charging flow if the

@@ -420,9 +420,9 @@ def accumulate_valve_window(
     """Add one step of a valve to its window, and update the estimates if the window is full.
 
     A window is discarded if the valve saturates, is shut or opens against the motion. It is also
-    discarded if the reference reverses, starts or stops. A window in which the reference rests all
-    the time is used; the valve opening then gives its direction (`sign`). `evaluate_valve_window`
-    evaluates a full window.
+    discarded if the reference reverses, starts or stops. The reference counts as resting below
+    `moving_speed`. If it rests during the whole window, the window is used, and the sign of the
+    opening serves as its direction. `evaluate_valve_window` evaluates a full window.
 
     Args:
         valves: Estimates, updated in place. An update also writes `gain` and `overlap`, clipped to

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def import_on_use(
     package: str, modules: Mapping[str, str]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Make a package's `__getattr__` and `__dir__`, for names that are imported at their first use.
+    """Make `__getattr__` and `__dir__` of a package whose names are imported on their first use.
 
     Args:
         package: Name of the package.

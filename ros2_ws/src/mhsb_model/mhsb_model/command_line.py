@@ -134,9 +134,9 @@ def run(
         130  interrupted (KeyboardInterrupt)
         141  the reader of the output has closed it (BrokenPipeError); nothing is printed
 
-    The codes 1, 2 and 130 come with one sentence on standard error; for a machine file with several
-    problems, with a line for each problem. Other exceptions are bugs and are raised. `--help`
-    prints the help and raises SystemExit with code 0.
+    With the codes 1, 2 and 130, one sentence is printed on standard error. A machine file with
+    several problems gets a line for each. Other exceptions are bugs and are raised. `--help` prints
+    the help and raises SystemExit with code 0.
 
     Args:
         command: A function whose parameters are the arguments of the command.

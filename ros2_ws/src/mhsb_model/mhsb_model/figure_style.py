@@ -83,8 +83,8 @@ def open_figure(path: Path | None, height: float, width: float = FIGURE_WIDTH) -
 
     The suffix of the file chooses the format, such as `.png`, `.pdf` or `.svg`. The file is first
     written beside the target under a temporary name, then renamed. So the target is never
-    incomplete. The labels of the y axes are aligned before. If the block raises, nothing is
-    written, and the target stays as it was.
+    incomplete. Before the figure is written, the labels of its y axes are aligned. If the block
+    raises, nothing is written, and the target stays as it was.
 
     Args:
         path: File to write; an existing file is replaced. None writes no file.

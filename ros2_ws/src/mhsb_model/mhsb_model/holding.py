@@ -43,8 +43,8 @@ class HoldingError(MhsbError):
 def choose_holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
     """Choose the modes in which the cylinders hold their loads at rest.
 
-    An actuator holds in mode N (fed by the main pump alone) if the main pump's pressure suffices.
-    Otherwise it holds in mode DB (boosted by its own servo pump).
+    An actuator holds in mode N (fed by the main pump alone) if the main pump's pressure is at least
+    load pressure plus boost margin. Otherwise it holds in mode DB (boosted by its own servo pump).
 
     Args:
         machine: The machine, which gives the main pump's pressure and the booster modules.
@@ -66,9 +66,10 @@ def choose_holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
 def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) -> ModeArray:
     """Choose the modes in which an arm holds its loads after a stop.
 
-    The mode of an actuator is N (fed by the main pump alone) if the main pump's pressure holds its
-    load. Otherwise it is DB (boosted by its own servo pump). If these modes need more booster
-    modules than the machine has, all actuators keep their present modes.
+    The mode of an actuator is N (fed by the main pump alone) if the main pump's pressure is at
+    least load pressure plus boost margin. Otherwise it is DB (boosted by its own servo pump). If
+    these modes need more booster modules than the machine has, all actuators keep their present
+    modes.
 
     Args:
         machine: The machine.
@@ -88,8 +89,8 @@ def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) 
 def _holding_modes(m: MachineArrays, force: FloatArray) -> tuple[ModeArray, int]:
     """Choose the mode in which each cylinder holds its load; the number of modules has no limit.
 
-    The mode is N (fed by the main pump alone) if the main pump's pressure holds the load. Otherwise
-    it is DB (boosted by the actuator's own servo pump).
+    The mode is N (fed by the main pump alone) if the main pump's pressure is at least load pressure
+    plus boost margin. Otherwise it is DB (boosted by the actuator's own servo pump).
 
     Args:
         m: Arrays of the machine.

@@ -647,7 +647,8 @@ def compute_required_pressures(
     """Compute the supply pressures at which all actuators move or hold their loads.
 
     Each pressure is the load pressure, plus the drop across the fully open valve, plus the boost
-    margin.
+    margin. The load pressure is that in the direction of motion; at rest, in the direction against
+    the load.
 
     Args:
         m: Arrays of the machine.

@@ -195,8 +195,7 @@ def time_limit(seconds: float) -> Iterator[None]:
     """Context manager that ends the process with code 1 if its block takes too long.
 
     The limit also works while the block executes foreign code that keeps Python's lock (GIL). If a
-    signal has asked this node to end, the limit for its end (`_limit_end`) starts anew after the
-    block.
+    signal has asked this node to end, the time limit for that end starts again after the block.
 
     Args:
         seconds: Longest time of the block [s].

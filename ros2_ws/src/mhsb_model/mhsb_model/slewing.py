@@ -38,8 +38,8 @@ def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float
     """Convert a position in `base_link` into the arm's plane, and find the slew angle for it.
 
     A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
-    their origin at joint 2. At the slew angle, the arm faces the position, so that the arm does not
-    reach behind the slew's axis.
+    their origin at joint 2. At the slew angle, the arm faces the position, and need not reach
+    behind the slew's axis.
 
     Args:
         m: Arrays of the machine.

@@ -219,7 +219,7 @@ class Trajectory:
         return q, qd, qdd
 
     def sample_offsets(self, offset_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the motion at times after its stamp. It needs at least two points.
+        """Evaluate the motion at times after its stamp. The motion needs at least two points.
 
         Args:
             offset_ns: Times after the stamp in any order, none beyond the last point, shape

@@ -334,8 +334,8 @@ def run_governor_step(g: GovernorState) -> bool:
     The requested rate is at least `min_rate`. It may be 0 only if the line of a moving actuator has
     less than `min_driving_pressure` beyond its load pressure. `update_rate` then moves the rate
     towards the requested one. The kernel also counts how often and how long the plan is slowed, and
-    how long it has now been held: at a rate below `min_rate`, by a line that cannot move its
-    actuator.
+    for how long it has been held until now. The plan is held if its rate is below `min_rate`
+    because a line cannot move its actuator.
 
     Args:
         g: State of the governor. Writes `actuators`, `totals` and `speed_scaling` in place.
@@ -380,7 +380,8 @@ def compute_reserves(g: GovernorState) -> None:
     - `reserve_in_n`: the available pressure in mode N, minus the greater of the pressures that the
       actuator needs at present and shortly ahead (`_compute_needed_pressures`). The available
       pressure is the lowest line pressure of all actuators in mode N, filtered; without any, its
-      last value. While it falls, it is extrapolated by `prediction_time`, for this reserve alone.
+      last value. While it falls, it is extrapolated by `prediction_time`, but not for
+      `driving_pressure`.
     - `reserve`: in mode N equal to `reserve_in_n`. In DB and SB it is the actuator's own line
       pressure minus the pressure needed at present, filtered with `boosted_smoothing`.
     - `driving_pressure`: the available pressure (in DB and SB the line pressure) minus the load
@@ -441,8 +442,9 @@ def _compute_needed_pressures(
 
     The needed pressure is the load pressure plus the drop over the fully open valve. It is computed
     for two speeds of the reference: the present one, as if the plan were not slowed, and one
-    shortly ahead (START_PREVIEW_POINT). It is 0 up to MOVING_SPEED or STARTING_SPEED, since the
-    closed valve then holds the load. At an end stop, which carries the load, it is 0 as well.
+    shortly ahead (START_PREVIEW_POINT). It is 0 for a present speed up to MOVING_SPEED, and for a
+    speed ahead up to STARTING_SPEED, since the closed valve then holds the load. At an end stop,
+    which carries the load, it is 0 as well.
 
     If an actuator has yielded to its load and the tip error is above `lift_error_ratio` times
     `usual_error`, the actuator must lift the load back. It then needs at least the holding pressure

@@ -146,7 +146,7 @@ def compute_main_pump_flow(
     Args:
         max_flow: Largest flow Q_max [m³/s].
         setting: Pressure p_set at which the regulator has reduced the flow to 0 [Pa].
-        droop: Fall of the pressure below p_set at which the flow is Q_max [Pa].
+        droop: Range of pressures below p_set in which the flow rises from 0 to Q_max [Pa].
         pressure: Pressure p in the manifold behind the pump [Pa].
 
     Returns:
@@ -251,7 +251,7 @@ def advance_pressure_and_cavity(
         e ≥ 0:  pressure p_v + e/C,  no vapour
         e < 0:  pressure p_v,  vapour volume −e
 
-    e is the excess of oil after the step over the volume that just fills the node at the vapour
+    e is the volume of oil after the step minus the volume that just fills the node at the vapour
     pressure p_v.
 
     Args:

@@ -48,10 +48,10 @@ def find_cavitating(
     """Return whether each load empties the inlet chamber of its actuator.
 
     The supply line is taken to be at the main pump's pressure P_S. Boost is neglected, although it
-    would fill the chamber better. A valve with pressure compensators fills the chamber with the
-    pressure drop p = min(P_S, Δp_k), where Δp_k is the compensators' drop. Compensators also limit
-    the flow to the tank. So a retracting piston does not cavitate if Δp_k ≤ p (A/a)², with the
-    cap-side area A and the rod-side area a.
+    would fill the chamber better. With pressure compensators, at most the pressure drop p =
+    min(P_S, Δp_k) drives oil into the chamber. Δp_k is the compensators' drop. Compensators also
+    limit the flow to the tank. So a retracting piston does not cavitate if Δp_k ≤ p (A/a)², with
+    the cap-side area A and the rod-side area a.
 
     Args:
         machine: Machine with n actuators.

@@ -126,7 +126,7 @@ def find_curve_excess(limits: CurveLimits, trajectory: Trajectory) -> CurveExces
 
     Only the first quantity with an excess is reported, in the order position, speed, acceleration,
     jerk. A joint that begins outside its range may return to the range, but not move farther out on
-    the way. So its limit is then the nearest position to the range that it has reached so far.
+    the way. Its limit is then, of all positions reached so far, the one nearest to the range.
 
     Args:
         limits: Limits of each joint.
@@ -171,8 +171,8 @@ def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray
     """Compute the worst excess over the limits for each quantity and joint of a trajectory.
 
     The excess of a position is the distance beyond its limit [rad or m]. If a joint starts outside
-    its range, its limit is the nearest position to the range that it has reached so far. The excess
-    of speed, acceleration and jerk is relative: |value|/limit − 1. It is inf if the numbers
+    its range, its limit is, of all positions reached so far, the one nearest to the range. The
+    excess of speed, acceleration and jerk is relative: |value|/limit − 1. It is inf if the numbers
     overflow.
 
     Args:
@@ -249,8 +249,8 @@ def _find_excesses(
 
     The exact extrema of each quintic piece between two points are compared with the limits. If the
     numbers of a piece overflow, the excess is inf. A joint that begins outside its range may return
-    to the range, but not move farther out on the way. So its limit is then the nearest position to
-    the range that its points have reached so far.
+    to the range, but not move farther out on the way. Its limit is then, of all points so far, the
+    position nearest to the range.
 
     Tested against SciPy's BPoly.
 

@@ -241,9 +241,9 @@ def _locate_field(
             `revolute`.
 
     Returns:
-        Models that the value at this location can be an instance of, and the field that declares
-        the value. A plain value has no models. For an unknown key: the models of the section around
-        it, and None. For an empty location: `model` alone, and None.
+        The models of which the value at this location can be an instance, and the field that
+        declares the value. A plain value has no models. For an unknown key: the models of the
+        section around it, and None. For an empty location: `model` alone, and None.
     """
     at, field = [model], None
     for part in loc:

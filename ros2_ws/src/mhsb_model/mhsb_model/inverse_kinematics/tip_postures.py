@@ -263,7 +263,7 @@ def _close_with_revolute_joints(
 
     Args:
         m: Planar machine (without a slewing joint).
-        tip: Tip position seen from joint i.
+        tip: Tip position relative to joint i, and direction of the link before joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
         side: Solution, −1 or 1: the sign of γ.
@@ -308,7 +308,7 @@ def _close_with_prismatic_joints(
 
     Args:
         m: Planar machine (without a slewing joint).
-        tip: Tip position seen from joint i.
+        tip: Tip position relative to joint i, and direction of the link before joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
         side: Solution, −1 or 1, the sign of the square root in the quadratic equation; only 1 if

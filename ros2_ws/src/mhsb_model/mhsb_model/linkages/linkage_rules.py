@@ -122,7 +122,7 @@ def _compute_arm_and_need(joint: AnyJoint) -> tuple[float, float]:
 
 
 def _find_usable_range(row: FloatArray, lower: float, upper: float) -> tuple[float, float]:
-    """Find the range of joint angles around the largest moment arm in which it stays large enough.
+    """Find the joint angles around the largest moment arm at which the arm is still large enough.
 
     Args:
         row: Numbers of the linkage, from `build_linkage_row`.
@@ -131,7 +131,7 @@ def _find_usable_range(row: FloatArray, lower: float, upper: float) -> tuple[flo
 
     Returns:
         Ends of the range in which the moment arm keeps its sign and is at least SMALLEST_ARM_RATIO
-        times its largest [rad].
+        times its largest value [rad].
     """
     angles = linkage.angle_grid(lower, upper)
     arms = linkage.evaluate_linkage_at_angles(row, angles)[:, 1]

@@ -44,7 +44,7 @@ class Pacer:
         self._woken_ns = self.clock_ns
 
     def compute_due_ns(self, clock_ns: int, sim_ns: int) -> int:
-        """Compute the simulated time up to which to simulate now, and update `lag_ns` and `lags`.
+        """Compute the simulated time that is to be reached now, and update `lag_ns` and `lags`.
 
         The node calls it each time it wakes. The result is the simulated time that belongs to the
         clock time. At most CATCH_UP × `factor` × (clock time since the previous call) is simulated.

@@ -201,8 +201,8 @@ class FrozenLength(Symptom):
             sample: State of the arm.
 
         Returns:
-            Stroke of this piston's reference [m], and a clause that names the sensor. The stroke is
-            counted up to the newest reading, from the first reading with the same value.
+            Change of this piston's reference length [m] from the first reading with the present
+            value to the newest reading, and a clause that names the sensor.
         """
         sensed = sample.sensed
         if sensed.reading_ns != self._reading_ns:
@@ -258,7 +258,7 @@ class JumpingLength(Symptom):
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the sensor whose length has changed most, relative to what a sound sensor can show.
 
-        The change is that since the readings of the previous call, which are kept for this.
+        The change is counted from the readings of the previous call, which the object keeps.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.

@@ -172,7 +172,7 @@ class PlanReceiver:
         """Receive the trajectory of a plan, and store it until `update` hands the plan over.
 
         A trajectory is ignored if its plan has a report already, or has another usable trajectory.
-        An unusable one, as one that breaks a limit, refuses the plan.
+        If the trajectory is unusable, for instance because it breaks a limit, the plan is refused.
 
         Args:
             trajectory: The trajectory with its stamp.
@@ -192,8 +192,9 @@ class PlanReceiver:
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> list[HandOverReport]:
         """Receive the mode schedule of a plan, and store it until `update` hands the plan over.
 
-        The schedule is ignored if its plan has a report already, or has another usable schedule. An
-        unusable one, as one that needs too many booster modules, refuses the plan.
+        The schedule is ignored if its plan has a report already, or has another usable schedule. If
+        the schedule is unusable, for instance because it needs too many booster modules, the plan
+        is refused.
 
         Args:
             schedule: The mode schedule with its stamp.

@@ -481,7 +481,7 @@ class Simulator:
 
         While the arm decelerates, the modes do not change. Each actuator has its prepared mode: the
         mode in force, or a boosted mode that was to begin before the preview point. At rest, the
-        arm gets modes that hold its load there.
+        arm gets modes that hold its load there, if there are enough booster modules for them.
         """
         now = self.plan_time_ns
         if not self._reference.executes_plan(self._time_ns):
