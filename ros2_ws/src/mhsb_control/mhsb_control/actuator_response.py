@@ -262,9 +262,9 @@ class InverseCurve:
         """Update the curve with a measured speed and the command that caused it.
 
         A Kalman filter corrects the commands at all knots, and their covariance. `known_speed`
-        rises to that of the fastest knot whose standard deviation is below half of its initial one.
-        The speed counts for `has_driven`, and the next call of `raise_dead_band` uses its first
-        step again.
+        rises to the speed of the fastest knot whose standard deviation has fallen below half of its
+        initial value. The speed counts for `has_driven`, and the next call of `raise_dead_band`
+        uses its first step again.
 
         Args:
             speed: Measured speed ≥ 0 [m/s].
@@ -363,8 +363,8 @@ class InverseCurve:
         that was taken too large gives way to a measured command.
 
         Args:
-            kept: Index of the knot that keeps its command, if this is large enough for the slopes
-                of the slower ones.
+            kept: Index of the knot that keeps its command. It is raised only if it is too low for
+                the slopes between the slower knots.
         """
         offset = np.concatenate([[0.0], np.cumsum(self._min_steps)])
         above = self.commands - offset

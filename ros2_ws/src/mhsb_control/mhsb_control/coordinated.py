@@ -681,7 +681,7 @@ def may_leave_early(
         p: State of the pumps. Reads the leakage estimates in `lines`.
         j: Index of the line.
         highest: Highest pressure target of the boosted lines that are joined to the rail [Pa].
-        flow_share: Share of a pump's flow up to which a joined line may leave, 0 … 1.
+        flow_share: Share of a pump's full flow that counts for a joined line, 0 … 1.
     """
     axis, c = s.axes[j], s.constants[0]
     lower = axis.supply_target < highest - p.gains[0].settings.lines.joined_drop

@@ -249,7 +249,8 @@ class LagCompensatedAxis:
         real to predicted motion. The correction is limited by `max_correction_ratio`. The demanded
         speed is limited to `known_speed_factor` times the fastest known speed, but to no less than
         `first_speed_ratio` of the speed limit. While the reference moves, the command passes
-        linearly through the dead band at speeds below `min_speed_ratio`.
+        linearly through the dead band at speeds below the slowest one that a window of lengths
+        resolves. At rest, corrections use at least the command for this speed.
 
         While the reference rests, `_tolerates_error` says when a correction begins and ends.
 
@@ -296,9 +297,10 @@ class LagCompensatedAxis:
     def _tolerates_error(self, error: float) -> bool:
         """Return whether the position error of a resting piston is left uncorrected.
 
-        A correction begins when the error exceeds `rest_error`. It ends when the error changes its
-        sign. If the valve's curve is known, a correction begins only after the command has been 0
-        for two delays plus the time over which lengths are averaged.
+        A correction begins when the error exceeds `rest_error` times the piston's speed limit. It
+        ends when the error changes its sign. If the valve's curve is known, a correction begins
+        only after the command has been 0 for two delays plus the time over which lengths are
+        averaged.
 
         When a correction begins, its error is stored, and the ratio of real to predicted motion at
         rest is updated. If the error has changed its sign since the last correction began, that
@@ -391,11 +393,12 @@ class LagCompensatedAxis:
     def _learn_dead_band(self, acted: FloatArray) -> None:
         """Raise the dead band of the newest command's direction if the piston stands.
 
-        The piston stands if its mean speed over a window is below `min_speed_ratio`. The window is
-        short until the command for one speed, a knot of the valve curve, is known. After that, it
-        covers at least one period of the joint's oscillation on its oil. All commands in the window
-        and in the settling time before it must have one direction. The smallest of these commands
-        is a lower bound of the dead band (`raise_dead_band`). Otherwise nothing changes.
+        The piston stands if its mean speed over a window is below the share `min_speed_ratio` of
+        its speed limit. The window is short until the command for one speed, a knot of the valve
+        curve, is known. After that, it covers at least one period of the joint's oscillation on its
+        oil. All commands in the window and in the settling time before it must have one direction.
+        The smallest of these commands is a lower bound of the dead band (`raise_dead_band`).
+        Otherwise nothing changes.
 
         Args:
             acted: Commands that are older than the delay, float64[k], in time order. There must be

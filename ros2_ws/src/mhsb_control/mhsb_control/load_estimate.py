@@ -205,8 +205,8 @@ def update_load_filter(
     Y is the torque per kilogram of payload [m²/s²]. δm [kg] and δφ_j are the errors of two present
     estimates: the payload m, and the factor φ_j on the file's friction of actuator j. The noise has
     the standard deviation `torque_deviation`. Before the update, the variances of m and φ_j grow by
-    those of their random walks (`payload_drift`, `friction_drift`). After the update, m is limited
-    to 0 … `max_ratio` times the payload of the machine file, and all φ to 0 … `max_ratio`.
+    the variances of their random walks (`payload_drift`, `friction_drift`). After the update, m is
+    limited to 0 … `max_ratio` times the payload of the machine file, and all φ to 0 … `max_ratio`.
 
     Args:
         load: Estimates. Reads `weight` (Y); writes `estimate`, `covariance` and `gain_work` in

@@ -183,7 +183,7 @@ class ReferencePreview:
         """Return the trajectory's present state as if there were no speed scaling.
 
         Speed scaling changes velocity and acceleration of the reference, but not the path. The
-        returned values are those of the trajectory at the present position. At rate 1, they are the
+        returned values belong to the trajectory at the present position. At rate 1, they are the
         state of the last `update`.
 
         Args:

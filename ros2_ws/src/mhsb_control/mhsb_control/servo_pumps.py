@@ -288,10 +288,10 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
     The integral is computed by the trapezoidal rule. v is the reference's piston speed, A_dir the
     piston area that the supply fills, and k_h the stiffness of the oil [N/m]. ΔF is the change of
     the cylinder force up to the preview point, positive in the direction of motion [N]. The term
-    with ΔF is the oil that compresses the chamber. It is divided evenly among the points up to the
-    preview point at which the piston moves. v is computed with moment arms that are linear in the
-    joint position about the preview point. A line gets zeros if it is not joined to the rail and no
-    module serves its actuator.
+    with ΔF is the oil that compresses the chamber. Of the points up to the preview point, each at
+    which the piston moves gets an equal part of it. v is computed with moment arms that are linear
+    in the joint position about the preview point. A line gets zeros if it is not joined to the rail
+    and no module serves its actuator.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `line_flow` and
@@ -424,9 +424,9 @@ def compute_pump_demand(
     """Compute the flow that a pump is to feed into a line or into the rail.
 
     The result is the drawn flow plus a charging flow C (k (p_ref − p) + min(ṗ_ref, 0)). p is the
-    pressure that is predicted for the instant at which the command begins to act, and p_ref its
-    target. k is the gain `pressure_gain`, but at most `max_gain_delay` divided by the delay of
-    commands. Three limits apply:
+    pressure predicted for the instant when the command begins to act, and p_ref its target. k is
+    the gain `pressure_gain`, but at most `max_gain_delay` divided by the delay of commands. Three
+    limits apply:
 
     - The sum of both flows is at most the limit of `compute_coasting_limit` for the estimated pump.
     - The charging flow is at most `charging_flow_left`.
@@ -620,9 +620,9 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
 
     λ = max(1, bandwidth × estimated lag). Q_ref is the flow that `compute_pump_demand` or
     `compute_rail_demand` returns. Q is the predicted flow at the instant when the command acts. Q̄
-    is the mean flow of the n pumps. ΣQ is the whole flow into the rail, including that of idle
-    pumps that have not stopped yet. All pumps on the rail get the same command. So their flows
-    become equal as fast as the pumps' lag allows, while the sum follows Q_ref.
+    is the mean flow of the n pumps. ΣQ is the whole flow into the rail, including the flow of idle
+    pumps that still run. All pumps on the rail get the same command. So their flows become equal as
+    fast as the pumps' lag allows, while the sum follows Q_ref.
 
     Commands are limited to 0 … Q_max. The command is 0 for idle modules, and for lent modules that
     do not feed the rail yet. A module is lent if it serves an actuator other than its own.

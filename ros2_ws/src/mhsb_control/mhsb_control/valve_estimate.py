@@ -470,7 +470,7 @@ def evaluate_valve_window(
 
     A piston that moved less than the share `min_stroke_share` of the reference's stroke was stuck.
     A piston lags if its stroke falls short of the predicted stroke by `significant_deviations` ×
-    `length_deviation` or more. There are three cases:
+    `length_deviation` or more. A stroke backwards counts as 0 in this. There are three cases:
 
     - The reference moves steadily, and the piston was not stuck. The Kalman filter
       (`update_valve_filter`) updates all estimates.
@@ -598,7 +598,7 @@ def update_valve_filter(
 
     This is one step of a Kalman filter. g is the factor on the valve's gain, and c the factor on
     the compressibility of the oil. b₊ and b₋ stand for the overlaps of the valve. Before the
-    update, the variances of this valve's parameters grow by those of their random walks.
+    update, the variances of this valve's parameters grow by the variances of their random walks.
 
     Args:
         valves: Estimates. Writes `estimate`, `covariance` and `work` in place.

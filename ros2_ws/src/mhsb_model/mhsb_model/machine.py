@@ -142,7 +142,7 @@ class Machine:
             schema: Schema of the content.
 
         Returns:
-            The machine. Its obstacles are those of the content, without shadows (obstacles in the
+            The machine, with the obstacles of the content but without shadows (obstacles in the
             plane that stand for zones in space). Its `file_rating` is None.
 
         Raises:

@@ -44,6 +44,9 @@ def make_state_publisher(context) -> list[Node]:
 
     Returns:
         List of one node; empty if the package is not installed.
+
+    Raises:
+        MachineFileError: The machine file is missing or not valid.
     """
     try:
         get_package_share_directory("robot_state_publisher")

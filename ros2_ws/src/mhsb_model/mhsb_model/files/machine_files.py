@@ -27,6 +27,9 @@ def find_machine_file(path: str | Path | None = None) -> Path:
 
     Returns:
         Path of the file. It need not exist if a path, or an unknown name, was given.
+
+    Raises:
+        MhsbError: The suite's own arm is wanted, but its file is not installed.
     """
     if not path:
         return find_config_file(MACHINE_FILE)

@@ -198,8 +198,8 @@ def find_write_problem(folder: Path) -> str | None:
 def _create_spare_folder(wanted: Path) -> Path:
     """Create a folder for compiled kernels among the temporary files.
 
-    It is `mhsb-UID/NAME` if that can be written, belongs to the user and is closed to others; the
-    next start then finds it again. Otherwise it is a new folder with a random name.
+    The folder is `mhsb-UID/NAME` if that can be written, belongs to the user and is closed to
+    others; the next start then finds it again. Otherwise it is a new folder with a random name.
 
     Args:
         wanted: Cache folder that cannot be written. Its last part is NAME.

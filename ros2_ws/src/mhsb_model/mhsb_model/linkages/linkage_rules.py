@@ -143,7 +143,7 @@ def _find_usable_range(row: FloatArray, lower: float, upper: float) -> tuple[flo
 
 
 def _suggest_limits(joint: AnyJoint) -> str:
-    """Return a clause with limits that the joint's pins allow, within those of the file [rad].
+    """Return a clause with limits that the joint's pins allow, within the limits of the file [rad].
 
     Args:
         joint: Joint section of the file.

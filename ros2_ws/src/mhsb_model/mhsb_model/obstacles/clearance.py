@@ -480,7 +480,7 @@ def bound_travel(
 
         D = R |Δq_slew| + Σ_k (L_k |Σ_{j ≤ k} Δq_j| + |Δs_k|)
 
-    Points of the arm are those on the lines of its links. The symbols are
+    Only points on the lines of the links count. The symbols are
 
     - R: upper bound on the distance of the links from the slew's axis (`bound_reach`).
     - L_k: length of link k, the larger of its lengths at start and end if joint k slides.

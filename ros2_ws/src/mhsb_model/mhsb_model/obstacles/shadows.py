@@ -171,10 +171,10 @@ def _special_angles(row: FloatArray) -> list[float]:
         row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
 
     Returns:
-        Angles [rad]. For a box, these are the angles of its corners and of its faces' normals. A
-        cylinder, which stands upright, or a sphere is a circle if seen from above, and the angles
-        are those of its centre and of both tangents. If the axis is inside the circle, centre ± π/2
-        takes the place of the tangents.
+        Angles [rad]. For a box, these are the directions of its corners and of its faces' normals.
+        Seen from above, a sphere or an (upright) cylinder is a circle. For a circle, the angles are
+        the directions of the centre and of both tangents. If the axis is inside the circle, centre
+        ± π/2 takes the place of the tangents.
     """
     if row[KIND_COLUMN] == SPACE_BOX_KIND:
         across, along = (

@@ -52,7 +52,7 @@ def audit_elements(
         change: Change of each pressure in the substep [Pa].
         c: Constants of the circuit. Reads the duration `substep` [s] and the efficiency of the
             servo pumps.
-        e: Energy counters [J], updated in place: those of the elements, and `return_oil`.
+        e: Energy counters [J], updated in place: the counters of the elements, and `return_oil`.
         counters: The same counters as a flat array, float64[energies], updated in place. Registered
             kinds of valves (`valves.registry`) have counters with an index but no name.
         volume: Oil counters [m³]. Only `returned` is updated, in place.
@@ -153,7 +153,7 @@ def audit_node(
     Args:
         capacity: Capacity C of the node, oil volume per pressure [m³/Pa].
         inflow: Oil that flowed into the node in the substep [m³].
-        change: Pressure change with which the step computed this inflow [Pa].
+        change: Pressure change that the step's linear system gave [Pa]; `inflow` belongs to it.
         before: Pressure before the step [Pa].
         after: Pressure after the step [Pa]. It differs from before + change if the node is at
             vapour pressure.

@@ -209,6 +209,10 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     Returns:
         The circuit at rest. There is no vapour, all energy and oil counters are 0, and the tank is
         at tank pressure. The main pump delivers what the closed valves leak.
+
+    Raises:
+        MachineFileError: A section `circuit.valves` is wrong, or two port valves are at one
+            chamber.
     """
     arrays = machine.arrays
     actuator_count, module_count = machine.joint_count, arrays.module_count

@@ -61,6 +61,10 @@ class SimNode(Node):
         """Declare the parameters, compile the kernels, build the arm, and create all interfaces.
 
         The arm stands at rest in its start posture. Faults of the parameter `fault` are injected.
+
+        Raises:
+            MhsbError: A parameter or a file is wrong, or the arm cannot be held in its start
+                posture.
         """
         super().__init__(names.SIM_NODE)
         self.faults = Faults(self, stop=lambda: self._arm.stop())
@@ -156,6 +160,9 @@ class SimNode(Node):
 
         Simulated time starts at 0 if the node publishes /clock, else at the system's time. The
         faults that the parameter `fault` names are then injected again.
+
+        Raises:
+            HoldingError: The arm cannot be held in the start posture with its payload.
         """
         time_ns = 0 if self._settings.publish_clock else time.time_ns()
         self._arm.reset(time_ns)

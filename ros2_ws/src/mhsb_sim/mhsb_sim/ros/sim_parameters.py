@@ -85,7 +85,8 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
         The plant; `machine` if the parameter is empty.
 
     Raises:
-        MachineFileError: The file is missing or not valid.
+        PlantFileError: The file is missing or not valid.
+        ParameterValueError: The given value is no text.
     """
     text = (
         "plant file (YAML): what the simulated arm has other than the `machine` that its servo "
@@ -111,6 +112,7 @@ def declare_parameters(node: Node, machine: Machine, plant: Machine) -> SimParam
 
     Raises:
         ArgumentError: Values contradict each other, or a fault is not valid.
+        ParameterValueError: A given value has another type than its default, or is out of range.
         UnknownControllerError: No controller has the given name.
     """
     for parameter in (

@@ -223,9 +223,9 @@ def apply_forces(
 def send_commands(servo_circuit: Components, circuit: Circuit, queue: CommandQueue) -> None:
     """Pass the servo's commands to the circuit, delayed by len(queue.rows) − 1 servo steps.
 
-    A row of the queue holds n valve openings (−1 … 1), n commands of join valves, which connect a
-    line to the rail (0 … 1), m flows of servo pumps [m³/s], and m commands of diverters, which lead
-    a pump to the rail (0 … 1).
+    A row of the queue has, in this order: n valve openings (−1 … 1); n commands of join valves,
+    from a line to the rail (0 … 1); m flows of servo pumps [m³/s]; m commands of diverters, from a
+    pump to the rail (0 … 1).
 
     Args:
         servo_circuit: The servo's own copy of the circuit's records; it holds the new commands.

@@ -305,7 +305,7 @@ class DisagreeingLine(Symptom):
         self._apart = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the line whose pressure differs most from that of all other unboosted lines.
+        """Find the unboosted line whose pressure differs most from all other unboosted lines.
 
         Lines are compared if their actuators have been in mode N (main pump alone), with their
         servo pumps stopped, for `settled_time`. All of them should have the main pump's pressure

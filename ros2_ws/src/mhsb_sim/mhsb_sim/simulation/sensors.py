@@ -167,7 +167,7 @@ class LengthErrors(NamedTuple):
 def select_length_class(fitted: Sensors) -> SensorClass:
     """Return the class of the length sensors, with the values of the machine file.
 
-    Noise, offset and drift of angles in the file replace those of the class.
+    Noise, offset and drift of angles in the file replace the values of the class.
 
     Args:
         fitted: Sensors of the machine file.

@@ -119,7 +119,8 @@ class Simulator:
             EstimatesFileError: The estimates file is damaged or belongs to another machine.
             ArgumentError: An estimates file is given, but the controller does not learn.
             UnknownControllerError: No controller has this name.
-            MachineFileError: The controller's gains in the machine's file are wrong.
+            MachineFileError: The controller's gains in the machine's file, or the sections of
+                valves in the plant's file, are wrong.
             PressureSensorsError: The controller reads pressures that the machine does not measure.
             PlantError: Machine and plant have different numbers of joints or modules.
             HoldingError: The arm cannot be held in the start posture.
@@ -234,7 +235,7 @@ class Simulator:
 
         Args:
             q: Joint positions to be held, float64[n], [rad or m].
-            modes: Modes in which it is held, uint8[n].
+            modes: Modes in which the posture is held, uint8[n].
         """
         circuit, servo_circuit = self._circuit, self._servo_circuit
         self._signals = ServoSignals.at_rest(servo_circuit, modes)

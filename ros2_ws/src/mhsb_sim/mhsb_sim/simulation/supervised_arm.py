@@ -210,6 +210,9 @@ class SupervisedArm:
 
         Args:
             time_ns: New simulated time [ns].
+
+        Raises:
+            HoldingError: The arm cannot be held in the start posture with its payload.
         """
         self._reports += self._receiver.invalidate_plans("the arm was reset", HandOverReason.RESET)
         self.simulator.set_payload(self._payload_wanted)

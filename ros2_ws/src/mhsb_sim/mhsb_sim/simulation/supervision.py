@@ -174,7 +174,7 @@ class Supervision:
         return float(np.ptp(self._stayed, axis=0).max()) < self.settings.rest_sway
 
     def restore_servo_pumps(self) -> str:
-        """Use all servo pumps again, also those that had been found to fail.
+        """Use all servo pumps again, also pumps that had been found to fail.
 
         Returns:
             Clauses on the pumps that had failed; empty if there were none.
