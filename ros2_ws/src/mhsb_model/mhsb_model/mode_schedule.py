@@ -38,6 +38,8 @@ class ModeSchedule:
     def __post_init__(self) -> None:
         """Check shapes, times and mode codes, and make the arrays read-only.
 
+        `last_switch_ns`, if given, must have one time for each actuator.
+
         Raises:
             ValueError: A shape is wrong, times do not start at 0 or do not increase, or a code is
                 no mode.

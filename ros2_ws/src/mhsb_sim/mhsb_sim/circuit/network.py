@@ -599,7 +599,9 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
 def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     """Advance the valves of an actuator by a substep, and add its elements to the list.
 
-    The list has the elements of the present substep with their flows and slopes.
+    The list has the elements of the present substep with their flows and slopes. An actuator has
+    these elements: both open edges of its servo valve, the valve's leakage, and the relief, check
+    and join valves of its line. Each chamber also has a relief valve and an anti-cavitation valve.
 
     Isolating valves shut the chambers off, tightly in both directions. They follow
     `isolating_command`. If `lock_valve_opening` is above 0, the isolating valves also act as lock

@@ -98,7 +98,12 @@ class SimNode(Node):
         self.get_logger().info(f"ready: {self._machine.name} holds its position")
 
     def _make_interfaces(self) -> None:
-        """Create the subscriptions of plans, the services, and the timers."""
+        """Create the subscriptions of plans, the services, and the timers.
+
+        Plans come as two messages, trajectory and mode schedule, which the callbacks decode. The
+        services are ~/stop, ~/reset and ~/clear_faults. The timers advance the simulation, look for
+        duplicate publishers, and save the estimates.
+        """
         for topic, callback in (
             (topics.JOINT_TRAJECTORY, self._on_trajectory),
             (topics.MODE_COMMANDS, self._on_schedule),
@@ -348,7 +353,7 @@ class SimNode(Node):
             self.get_logger().warning(str(error), throttle_duration_sec=300.0)
 
     def destroy_node(self) -> None:
-        """Write the estimates file for the last time, and destroy the node."""
+        """Write the estimates file for the last time (if the arm exists), and destroy the node."""
         if hasattr(self, "_arm"):
             self._save_estimates()
         super().destroy_node()

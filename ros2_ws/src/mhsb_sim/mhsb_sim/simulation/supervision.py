@@ -210,8 +210,9 @@ class Supervision:
         """Evaluate servo pumps and symptoms, and warn or stop the arm if necessary.
 
         Servo pumps that have failed are no longer used. The first symptom above its stop limit
-        stops the arm. Otherwise `warning` is set. It names the failed pumps and the first symptom
-        above its warning limit.
+        stops the arm; each kind of symptom declares whether the arm then brakes or closes its
+        valves. Otherwise `warning` is set. It names the failed pumps and the first symptom above
+        its warning limit.
 
         Args:
             sample: State of the arm.
