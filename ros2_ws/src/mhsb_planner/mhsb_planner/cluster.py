@@ -120,7 +120,8 @@ class _ClusterExecutor(Executor):
                 None means that nothing is sent, and that tasks get only their own arguments.
 
         Raises:
-            ClusterError: The scheduler does not answer.
+            ClusterAddressError: The text is not an address.
+            ClusterError: The package `distributed` is missing, or the scheduler does not answer.
         """
         self._address = address
         self._client = _connect(address)
@@ -140,8 +141,9 @@ class _ClusterExecutor(Executor):
 
         Returns:
             Future of the result. Cancelling it cancels the task on the cluster. If the task raises
-            an exception, the future gets this exception. If the connection is lost, it gets a
-            ClusterError. If several workers end during this task, it gets a WorkersLostError.
+            an exception, the future gets this exception. If the connection is lost or the worker
+            has other versions, it gets a ClusterError. If several workers end during this task, it
+            gets a WorkersLostError.
         """
         task: Future[Result] = Future()
         part = self._pool.submit(

@@ -33,7 +33,7 @@ class InfeasibleGoalError(MhsbError):
     """No posture within the joint limits puts the tip at the goal."""
 
     def __init__(self, x: float, z: float, psi: float | tuple[float, float] | None = None) -> None:
-        """Compose the message.
+        """Compose the message. It asks about degrees if an angle of `psi` exceeds a whole turn.
 
         Args:
             x: Forward coordinate of the goal in the arm's plane [m].

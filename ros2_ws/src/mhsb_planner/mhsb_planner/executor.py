@@ -358,8 +358,7 @@ def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Res
         Result of the task.
 
     Raises:
-        KeyboardInterrupt: SIGINT came during the task, or since the process started or ended its
-            previous task.
+        KeyboardInterrupt: SIGINT came during the task, or before it while the process waited.
     """
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -95,7 +95,8 @@ class Disc(_Region):
         """Points that planners try, as offsets (x, z) from the goal, shape (k, 2) [m].
 
         The first is the goal. Then follow 8 points on each of several concentric rings, from the
-        inside outwards. There are 1 to MOST_RINGS rings, about REGION_SPACING apart.
+        inside outwards. The outermost of 1 to MOST_RINGS evenly spaced rings lies at the edge. They
+        are at most REGION_SPACING apart, if MOST_RINGS rings suffice for that.
         """
         rings = min(MOST_RINGS, math.ceil(self.radius / REGION_SPACING))
         angle = np.arange(8) * math.pi / 4
@@ -135,7 +136,8 @@ class Segment(_Region):
     def offsets(self) -> FloatArray:
         """Points that planners try, as offsets (x, z) from the goal, shape (k, 2) [m].
 
-        They are 5 to MOST_ON_SEGMENT evenly spaced points from the goal to the other end.
+        They are 5 to MOST_ON_SEGMENT evenly spaced points from the goal to the other end. They are
+        at most REGION_SPACING apart, if MOST_ON_SEGMENT points suffice for that.
         """
         count = math.ceil(math.hypot(self.x, self.z) / REGION_SPACING) + 1
         share = np.linspace(0.0, 1.0, min(MOST_ON_SEGMENT, max(5, count)))
@@ -192,7 +194,8 @@ class BoxRegion(_Region):
             half: Half of the box's size along this side, above 0 [m].
 
         Returns:
-            An odd number of evenly spaced coordinates from −half to half [m].
+            3 to MOST_ALONG_BOX (an odd number) evenly spaced coordinates from −half to half [m].
+            They are at most REGION_SPACING apart, if MOST_ALONG_BOX coordinates suffice for that.
         """
         count = min(MOST_ALONG_BOX // 2, math.ceil(half / REGION_SPACING))
         return half * np.arange(-count, count + 1) / count

@@ -68,7 +68,7 @@ def compile_motion() -> None:
 
 
 def compile_energy_bound() -> None:
-    """Compile the lower bound on the energy of plans to a goal."""
+    """Compile the lower bound on the energy of plans to a goal, by one call of its function."""
     middle = 0.5 * (machine().arrays.joint_min + machine().arrays.joint_max)
     x, z = machine().tip_position(middle)
     bound_energy_to_goal(machine(), middle, (float(x), float(z)))
@@ -116,7 +116,11 @@ def compile_polytope_areas() -> None:
 
 
 def compile_remaining_kernels() -> None:
-    """Compile the kernels that only some requests or nodes need, such as those for obstacles."""
+    """Compile kernels that only some requests or nodes need, by calls for the default machine.
+
+    They are kernels for zones in space, for the energy of single states, for published steps, and
+    for the integrated planner's search.
+    """
     rest = np.zeros((1, machine().joint_count))
     compute_energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
     among_zones.warm_up(machine())

@@ -83,7 +83,12 @@ class Plan:
         )
 
     def __str__(self) -> str:
-        """Return a summary: start and goal, duration, energy, modes over time, and warnings."""
+        """Return a summary of several lines.
+
+        It states the tip's positions at start and end, duration, energy, modes of each actuator
+        over time, warnings and planning time. The lower bound is stated if it is above 0, the speed
+        excess if it is above NOTICEABLE_EXCESS.
+        """
         motion, names = self.motion, self.machine.actuator_names
         ends = self.machine.tip_in_base(motion.trajectory.position[[0, -1]])
         begin, end = (format_position(tip, ".3f") for tip in ends.tolist())

@@ -79,7 +79,7 @@ class PlanLog:
         motion_cost: float = math.nan,
         reason: str = "",
     ) -> None:
-        """Append an entry with the present time.
+        """Append an entry. Its time is the time since the request.
 
         Args:
             proposer: Name of the proposer, such as `table`.

@@ -167,7 +167,8 @@ class Planner:
         An arm that moves at the start can come to rest in several ways. They are tried in this
         order until there is a plan: steering (one curve straight to the goal), coasting (all joints
         slow down together), and `brake`. If none of them gives a plan, the error of the first one
-        is raised. Without a deadline, equal requests give equal plans.
+        is raised. A DeadlineError is raised at once, without further tries. Without a deadline,
+        equal requests give equal plans.
 
         Args:
             goal: Goal of the tip in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The
@@ -232,6 +233,9 @@ class Planner:
     ) -> Plan:
         """Plan a motion for a request that names one way in which a moving arm comes to rest.
 
+        The lower bound is added to the plan, except if the motion only brakes. A clause on problems
+        at the start is added too.
+
         Args:
             request: The request.
             source: Source of paths of the whole arm.
@@ -284,7 +288,7 @@ class Planner:
 
     @staticmethod
     def _compile_for_rest(machine: Machine, kind: str) -> None:
-        """Compile code that plans from rest need, once for each set of parts in `_compiled`.
+        """Compile the code for plans from rest, once for each set of parts in `_compiled`.
 
         Args:
             machine: The whole arm.

@@ -92,11 +92,12 @@ def draw_random_position(machine: Machine, random: np.random.Generator) -> Posit
 
 
 def yield_random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -> Iterator[Move]:
-    """Yield random moves between nodes of the posture table's grid that have a plan.
+    """Yield random moves that can be planned, between nodes of the posture table's grid.
 
     The start posture is the table's posture for mode N (main pump alone) of all actuators at a
     random node. The goal is another random node. A slewing arm moves between random angles of joint
-    1. Moves without a plan are skipped and not counted.
+    1. Moves without a plan are skipped and not counted. If no move has a plan, the generator never
+    ends.
 
     Args:
         planner: Planner that decides, with its default options, whether a move has a plan.

@@ -401,7 +401,7 @@ def search_lattice(
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
     FIRST_STATES states. If it stops there without a path, a second search without a limit of states
     keeps only the first path to each lattice point. The second search finds some path quickly, but
-    not the cheapest.
+    not the cheapest. The work of all searches is added to `problem.expanded` and `problem.priced`.
 
     Args:
         problem: The search problem: start, goal postures, cost model, effort limits and deadline.

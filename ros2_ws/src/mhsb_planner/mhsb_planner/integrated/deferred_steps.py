@@ -79,7 +79,11 @@ def create_deferred_steps(room: int) -> DeferredSteps:
 
 @kernel(borrows=True, forceinline=True)
 def _find_bucket(deferred: DeferredSteps, estimate: float) -> int:
-    """Return the number of the bucket for an estimate of the cost of a path to the goal."""
+    """Return the number of the bucket for an estimate of the cost of a path to the goal.
+
+    With N = BUCKETS_PER_START_BOUND, bucket k begins at 1 + k/N times the lower bound at the start.
+    Smaller estimates belong to bucket 0, all greater ones to the last bucket.
+    """
     start = max(deferred.start_bound[0], MIN_START_BOUND)
     bucket = BUCKETS_PER_START_BOUND * (estimate / start - 1.0)
     return int(min(max(bucket, 0.0), BUCKET_COUNT - 1.0))
@@ -114,8 +118,9 @@ def defer_step(
 def take_due_step(deferred: DeferredSteps, estimate: float) -> int:
     """Remove a step that must be priced before a state with a given estimate is expanded.
 
-    A step must be priced if its own estimate is not higher, or if it is in the same bucket as such
-    a step.
+    A step is due if its bucket is that of the given estimate, or an earlier one. Some steps are
+    therefore priced although their estimate is slightly higher. The step in the earliest bucket is
+    taken; in a bucket, the one that was put there last.
 
     Args:
         deferred: Steps that wait to be priced, changed in place.

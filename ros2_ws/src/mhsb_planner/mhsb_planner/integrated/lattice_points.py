@@ -106,6 +106,9 @@ def _create_table(points: Records[LatticePoint], used: int) -> IntArray:
     Args:
         points: Lattice point of each row. The table gets slots for all of them.
         used: Number of rows in use; only these are entered.
+
+    Returns:
+        The table (`LatticePoints.table`): row plus 1 for each point entered, 0 in free slots.
     """
     table = np.zeros(2 << len(points).bit_length(), dtype=np.int64)
     _fill_table(table, points, used)

@@ -373,6 +373,9 @@ def _defer_step(
 ) -> None:
     """Put the step from an expanded state to a neighbouring lattice point among the deferred steps.
 
+    A step is dropped instead if a lower bound on its cost shows that it is useless (`_is_useless`).
+    A point that the search reaches for the first time gets a row in `known` in either case.
+
     Args:
         problem: Cost model, lattice and goals.
         w: Working memory of the thread. Row 0 of its points must hold the expanded point.

@@ -362,7 +362,8 @@ def bound_energy_to_goal(
         region: Other admissible tip positions; None means the goal alone.
         others: Oil volume [m³] and least duration [s] that the slew needs for its part of the move;
             0 without a slew.
-        most_cells: Limit on the effort: largest number of cells that the branch and bound adds.
+        most_cells: Limit on the effort for each tip position: largest number of cells that the
+            branch and bound adds.
 
     Returns:
         The bound [J]; inf if no posture reaches the goal.

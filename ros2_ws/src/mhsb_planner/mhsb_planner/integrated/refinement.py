@@ -172,8 +172,8 @@ def sweep_waypoint(
 
     An inner waypoint is moved along each cylinder by the same stroke, both ways. The last waypoint
     moves with the goal posture. The m free coordinates of the posture are changed one by one and
-    together, in all 3^m − 1 directions. A move that makes the path cheaper is kept at once, and the
-    trials go on from there.
+    together, in all 3^m − 1 directions. A move that makes the path cheaper is kept at once. Its
+    opposite is then not tried, and the next move begins at the new place.
 
     The function must be called for i = 1, 2, … in sequence, because the working memory holds the
     costs up to the previous waypoint.

@@ -285,7 +285,11 @@ class SearchProblem:
         return SearchStatistics(self.expanded, self.priced, spent, is_late)
 
     def convert_to_discrete(self, best: CylinderPath) -> DiscretePath:
-        """Convert a cylinder path to a discrete path, whose cost always includes leakage."""
+        """Convert a cylinder path to a discrete path, whose cost always includes leakage.
+
+        The path's own pieces and cost are used if the path has pieces and they include leakage.
+        Otherwise the pieces are computed. The path gets the search statistics of this moment.
+        """
         full, pieces = self.full_cost_model, best.pieces
         counts_leakage = self.cost_model is full
         if pieces is None or not counts_leakage:

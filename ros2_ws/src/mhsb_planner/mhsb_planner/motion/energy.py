@@ -391,6 +391,10 @@ def _compute_powers(
 ) -> None:
     """Compute the powers of pumps, losses and loads in one motion state.
 
+    The module's equations give the prices and flows. A boosted actuator has the pressure that its
+    load under gravity and inertia needs. In mode SB it has the highest pressure of all actuators on
+    the rail.
+
     Tested against a calculation by hand.
 
     Args:

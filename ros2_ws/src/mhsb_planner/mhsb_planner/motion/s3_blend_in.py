@@ -197,7 +197,8 @@ def _infer_past_changes(
     piston that speeds up, v_a is set to 0 and v_b is computed. For a piston that slows down, v_b is
     set to 0 and v_a is computed. If the computed speed exceeds V_max, it is set to V_max and the
     other speed is computed, unless the piston already exceeds V_max. For a piston without
-    acceleration, v_a and v_b are its present speed, and τ is half the duration of the ramp.
+    acceleration, v_a and v_b are its present speed, and τ is half the duration of the ramp. τ has
+    this value also if the other rules give no finite change of speed.
 
     Args:
         m: Arrays of the machine.

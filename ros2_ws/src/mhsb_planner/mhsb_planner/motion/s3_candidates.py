@@ -244,7 +244,7 @@ def iterate_candidates(
     2. If `coast` is a `Coasting`: the path with ramps (smooth changes of speed), which begins at
        once while the arm still moves.
     3. The path with ramps from rest, after `brake`. Then this path with a further rest before each
-       step in which the boost of an actuator begins.
+       step in which the boost of an actuator begins; its ramps may not become longer.
     4. The path step by step with a rest at every node, after `brake`, if `rules.stepped`.
 
     If an actuator was switched so recently that it may not be switched again yet, curves 3 and 4

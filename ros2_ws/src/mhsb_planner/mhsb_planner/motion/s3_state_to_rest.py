@@ -130,8 +130,9 @@ def compute_steered_motion(
     """Compute a motion that brings a moving arm straight to rest at a path's end.
 
     Only the path's last posture and its duration matter. Each piston changes to a constant speed,
-    keeps it, and stops, within V_max and the limits of acceleration and jerk. All pistons arrive at
-    the time of the piston that needs longest.
+    keeps it, and stops, within V_max and the limits of acceleration and jerk. If its speed at the
+    start exceeds V_max, this speed is the limit. All pistons arrive at the time of the piston that
+    needs longest.
 
     Args:
         machine: Machine that moves.

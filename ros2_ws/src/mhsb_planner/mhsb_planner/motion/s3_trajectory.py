@@ -216,8 +216,8 @@ def fit_remainder(
         Motion with stamp 0 and the method CONTINUED.
 
     Raises:
-        FitError: The trajectory breaks a limit of the machine, or an actuator is switched twice
-            within MIN_DWELL.
+        FitError: The trajectory breaks a limit of the machine, a piston exceeds V_max by more than
+            `rules.max_excess`, or an actuator is switched twice within MIN_DWELL.
         DeadlineError: The deadline passed.
     """
     motion = fit_braking(machine, remainder, modes)
@@ -634,7 +634,8 @@ def _compute_uses(
 
     The allowed speed of a piston is `fastest` times its V_max. An arm that moves at the start may
     already be faster there, which slowing cannot change. `fastest` is then raised to USAGE_RESERVE
-    times the largest ratio of speed to V_max at the start.
+    times the largest ratio of speed to V_max at the start. In each interval of the curve, the share
+    is at least `slowing`.
 
     Tested against the same shares computed with NumPy.
 

@@ -313,10 +313,11 @@ def _choose_interval_modes(
     """Compute the modes of all actuators between the instants of a motion.
 
     First, the intervals in which an actuator needs boost are determined. If boost would only hold a
-    load for a short time, it is dropped, since the closed valve holds the load. Then boost, and
-    shared boost (SB), begin earlier by BOOST_LEAD and are lengthened to MIN_DWELL. Boost at the
-    start stays as it is until `age` has reached MIN_DWELL. Last, boost is reduced if too few
-    booster modules are fitted. Some intervals may still use too many modules.
+    load for a short time, it is dropped, since the closed valve holds the load. Intervals in which
+    the pressure is too low to accelerate the load are added. Then boost, and shared boost (SB),
+    begin earlier by BOOST_LEAD and are lengthened to MIN_DWELL. The mode at the start stays in
+    force until its age has reached MIN_DWELL. Last, boost is reduced if too few booster modules are
+    fitted. Some intervals may still use too many modules.
 
     Tests check the result against each rule.
 

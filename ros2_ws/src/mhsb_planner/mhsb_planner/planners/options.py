@@ -169,7 +169,8 @@ class PlanOptions:
 
         Returns:
             True if the tip is within AT_GOAL_DISTANCE of the goal or region, and the end-link angle
-            within AT_GOAL_ANGLE of an admissible angle.
+            within AT_GOAL_ANGLE of an admissible angle. The distance in the arm's plane and the arc
+            length across it are compared separately.
 
         Raises:
             OutOfWorkspaceError: The slew's limits do not allow the goal.

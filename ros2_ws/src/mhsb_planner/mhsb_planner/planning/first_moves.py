@@ -74,8 +74,9 @@ def paths_from_anywhere(
     - Within the joint limits and clear of obstacles: the source's paths through the via points.
     - More than START_NOISE beyond a limit: all paths begin with a first move, which leads to a
       nearby admissible posture.
-    - Otherwise (slightly beyond a limit, or in an obstacle): the source plans directly for
-      DIRECT_SHARE of the time. If there is no motion then, paths with a first move follow.
+    - Otherwise (slightly beyond a limit, or in an obstacle): the source plans directly. With a
+      deadline, it has DIRECT_SHARE of the time (`progress.trial_deadline`), or all the time once
+      there is a motion. If there is no motion then, paths with a first move follow.
 
     Args:
         source: Source of paths of the whole arm from an admissible departure.
@@ -135,7 +136,7 @@ def _paths_over_first_moves(
         Path proposals.
 
     Raises:
-        StartError: No first move is possible.
+        StartError: No first move is possible, or none led to a motion although no search failed.
         DeadlineError: The time was up during a search.
         MhsbError: No first move led to a motion, and a search failed; the error of the first such
             search is raised.
@@ -206,8 +207,9 @@ def _first_moves(source: PathSource, request: PathRequest) -> Iterator[DiscreteP
 def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray | None:
     """Find postures on a way out of obstacles along which the clearance increases.
 
-    Each step follows the gradient of the clearance from the nearest obstacle, within the joint
-    limits. Among CLIMB_HALVINGS step sizes, the one with the greatest clearance is taken. The way
+    Each step follows the gradient of the clearance from the nearest obstacle. No joint gets beyond
+    its limits, or further beyond them than it is already. Among CLIMB_HALVINGS step sizes, the one
+    with the greatest clearance is taken. The way
     ends as soon as the arm keeps the margin of discrete paths. The search is given up after
     CLIMB_STEPS steps.
 

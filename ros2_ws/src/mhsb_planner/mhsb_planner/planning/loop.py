@@ -225,7 +225,8 @@ class PlanningLoop:
         """Log an error that ended the planner after a motion had been found.
 
         Args:
-            error: The error. Its outcome is NO_PATH if the planner only found no further path.
+            error: The error. The outcome is NO_PATH for a NoPathError or DeadlineError, because the
+                planner only found no further path. It is FAILED for any other error.
         """
         has_ended = isinstance(error, NoPathError | DeadlineError)
         outcome = ProposalOutcome.NO_PATH if has_ended else ProposalOutcome.FAILED
@@ -441,7 +442,9 @@ class PlanningLoop:
         return motion if cost <= NEAR_BEST_COST_FACTOR * best.cost(options) else None
 
     def _keep(self, plan: Plan) -> float:
-        """Make a plan the incumbent (best plan so far), and tell the searches by `progress`.
+        """Make a plan the incumbent (best plan so far), and update `progress` for the searches.
+
+        `has_motion` becomes True, and `max_path_cost` the cost divided by MIN_MOTION_COST_RATIO.
 
         Args:
             plan: The plan.
@@ -487,15 +490,17 @@ class PlanningLoop:
         """Fit a motion to a path within the time allowed, and log the reason if there is none.
 
         The fit may take all the remaining time. If there is no motion yet and the path is for
-        comparison, it may take only COMPARED_SHARE of this time.
+        comparison, it may take only COMPARED_SHARE of this time. The time is added to a stage's
+        time. If a polynomial by `polynomial_only` is refused, the incumbent's `refused` gets the
+        reasons.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            The motion. None if no motion keeps the limits (`_refused` then has the error), or if
-            the share of the time is over (`_cut_short` then has the error).
+            The motion. None if no motion keeps the limits (`_refused` has the first such error), or
+            if the share of the time is over (`_cut_short` then has the error).
 
         Raises:
             DeadlineError: The deadline of the plan passed.

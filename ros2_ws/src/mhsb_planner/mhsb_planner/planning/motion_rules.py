@@ -43,7 +43,8 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
 
     A motion is a polynomial or follows the path. The first of these that names a method decides:
     the options, `of_path`, the planner. A polynomial may exceed V_max (allowed piston speed) by
-    `options.max_speed_excess`, unless the polynomial is due to `of_path`.
+    `options.max_speed_excess`, unless the polynomial is due to `of_path`. In all other cases,
+    FOLLOWED_SPEED_EXCESS is the limit.
 
     Args:
         options: Options of the plan.
@@ -88,8 +89,8 @@ def list_variant_rules(
 
     - For a motion with ramps, from rest: all ramps shortened by FASTER_RAMP_FACTORS and, if time
       has a weight, only the last ramp shortened by LAST_RAMP_FACTOR.
-    - For a polynomial that was slowed to keep V_max (allowed piston speed): following the path, if
-      `may_follow` is True.
+    - For a polynomial that was slowed to keep the limits: following the path, if `may_follow` is
+      True and `rules` do not ask for a polynomial only.
     - For a followed path with more mode switches than planned (because inertia required boost):
       ramps lengthened by SLOWER_RAMP_FACTORS.
 

@@ -90,7 +90,7 @@ def suggest_unit_of_start(machine: Machine, posture: FloatArray) -> str:
 
     Returns:
         The clause, for the first joint that exceeds a limit by more than its whole range. Empty if
-        there is no such joint.
+        there is no such joint, or if its value is beyond the limits in the other unit too.
     """
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     for j in np.flatnonzero(np.maximum(posture - high, low - posture) > high - low):

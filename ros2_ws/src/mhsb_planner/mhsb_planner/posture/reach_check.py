@@ -16,7 +16,8 @@ def check_reach(machine: Machine, position: Position) -> None:
     """Check that the tip can be at a position, in the workspace and within the joint limits.
 
     Obstacles are not considered. Joint limits are considered only if the arm has three turning
-    joints in its plane, since the intervals of its postures are known in closed form.
+    joints in its plane, since the intervals of its postures are known in closed form. If such an
+    arm has no slew, the error's message also states the nearest grid point in reach.
 
     Args:
         machine: The arm; it may slew.

@@ -237,7 +237,8 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
         The intervals, and the samples of all intervals in order. Each sample has its posture, its
         validity, and the values from which the area of its velocity polytope is computed. Samples
         are at most 1 / SAMPLES_PER_TURN turns apart, denser near the ends of an interval, and
-        include both ends. There are no samples if no posture is within joint limits.
+        include both ends. An interval has at least LEAST_SAMPLES + 1 samples. There are no samples
+        if no posture is within joint limits.
     """
     interval = np.empty((MAX_INTERVALS, 3))
     intervals = find_feasible_intervals(m, tip[0], tip[1], interval)

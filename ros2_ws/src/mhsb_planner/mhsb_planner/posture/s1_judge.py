@@ -81,7 +81,8 @@ def compare_with_slsqp(
     Args:
         machine: The arm without a slewing joint.
         table: The table.
-        entries: Number of random entries to compare; an entry may occur more than once.
+        entries: Number of random entries to compare, at least 1. An entry may occur more than once.
+            Nodes without a posture are not drawn.
         seed: Seed of the random choice of nodes and mode combinations.
         progress: Called with the number of finished entries.
 

@@ -62,6 +62,7 @@ def check_tip_clearance(machine: Machine, goal: Position) -> None:
         goal: Tip position in `base_link`, (x, z) or, if the arm slews, (x, y, z) [m].
 
     Raises:
+        OutOfWorkspaceError: The slew's limits do not allow the goal.
         ZoneError: The tip is nearer to an obstacle than the margin.
     """
     rows, margin = machine.obstacles.path_rows, machine.config.keep_out.margin
@@ -114,7 +115,7 @@ def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArra
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the clearance kernels, even for a machine without obstacles.
+    """Compile the clearance kernels and the check of zones, even for a machine without obstacles.
 
     Args:
         machine: Machine whose number of joints gives the argument types.

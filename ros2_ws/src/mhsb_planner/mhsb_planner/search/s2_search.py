@@ -237,7 +237,8 @@ def _check_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
 def warm_up(graph: StepGraph) -> None:
     """Compile the kernels of the exact search.
 
-    Two short searches are run: one with a node as goal, and one with a given end-link angle.
+    Two short searches are run: one with a node as goal, and one with a given end-link angle. The
+    kernels for goal postures and lower bounds are also called once.
 
     Args:
         graph: Graph on which the searches run.

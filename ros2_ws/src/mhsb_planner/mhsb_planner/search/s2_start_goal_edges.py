@@ -342,9 +342,8 @@ def _compute_steps_to_nodes(
 
     Returns:
         One step for each node and each combination of modes with which the step is admissible, in
-        the order of `nodes`. The field
-        `state` is the state that the step reaches (node · patterns + pattern). The fields `origin`
-        and `end` are NO_STATE.
+        the order of `nodes`. The field `state` is the state that the step reaches (node · patterns
+        + pattern). The fields `origin` and `end` are NO_STATE.
     """
     layout = cost_model.layout
     _, node, pattern, cost = _price_steps(

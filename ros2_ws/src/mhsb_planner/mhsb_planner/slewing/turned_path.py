@@ -113,8 +113,10 @@ def combine_with_slew(
 ) -> DiscretePath:
     """Combine a planar path and a slew motion into a path of the whole arm.
 
-    Joint 1, the slew, is in mode N throughout. In each step the slew's piston of area A [m²] moves
-    by s [m], and the step becomes longer by ΔT [s]. The energy of the step then grows by
+    Joint 1, the slew, is in mode N throughout. A step in which the slew turns alone has the other
+    modes of the path step that follows, or of the last one. In each step the slew's piston of area
+    A [m²] moves by s [m], and the step becomes longer by ΔT [s]. The energy of the step then grows
+    by
 
         ΔE = P_S (A s + n q_leak ΔT)
 
