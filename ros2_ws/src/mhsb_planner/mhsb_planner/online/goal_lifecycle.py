@@ -378,8 +378,9 @@ class GoalLifecycle:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
-        goals that were sent up to a certain time end as stopped (`ArmStops.find_void_time`). If the
-        arm executes a plan for such a goal, the arm is stopped again.
+        goals that were sent up to a certain time end as stopped, even if they arrive later
+        (`ArmStops.find_void_time`). If the arm executes a plan for such a goal, the arm is stopped
+        again.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never, and nothing happens.
@@ -453,8 +454,9 @@ class GoalLifecycle:
     def _stop_for_obstacle_ahead(self, goal_after_stop: PendingGoal | None = None) -> None:
         """Begin a stop if an obstacle lies ahead on the motion in force.
 
-        If a stop is under way already, it continues, but brakes for the obstacle. Nothing happens
-        if the arm executes no command of this planner.
+        If a stop is under way already, it continues, but brakes for the obstacle. The next step of
+        the stop is taken at once. A wait for the arm's answer to the last plan is logged. Nothing
+        happens if the arm executes no command of this planner.
 
         Args:
             goal_after_stop: Goal to plan for after the arm has stopped; None for no goal. It is

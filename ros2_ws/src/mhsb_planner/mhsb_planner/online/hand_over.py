@@ -254,9 +254,9 @@ class HandOver:
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
         """Store that the arm has refused or dropped the last command.
 
-        For the reason `LATE`, the estimated transport time becomes longer. For the reason `STAMP`
-        (the arm did not accept the command's stamp), the estimate of the arm's clock starts again
-        from the arm's last stamp.
+        The command is no longer unconfirmed. For the reason `LATE`, the estimated transport time
+        becomes longer. For the reason `STAMP` (the arm did not accept the command's stamp), the
+        estimate of the arm's clock starts again from the arm's last stamp.
 
         Args:
             sent: The command. Only `planned_at` is read.

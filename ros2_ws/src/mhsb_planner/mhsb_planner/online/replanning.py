@@ -161,7 +161,12 @@ class Replanner:
     def make_braking_command(
         self, in_force: Command, now_ns: int, commit_horizon: float
     ) -> tuple[Command, int]:
-        """Make a command that brakes along the path of the command in force, and then holds.
+        """Make a command that brings the arm to rest along the path of the command in force.
+
+        The braking is that of `mhsb_model.braking.brake_along`. If the motion in force ends before
+        the arm could brake, the result follows it to its end. In the last moments of that motion,
+        each joint brakes on its own instead. At rest, a standstill is added if the actuators need
+        time to switch to the modes that hold the arm. Limits are not checked.
 
         Args:
             in_force: Command that is braked.
@@ -172,6 +177,9 @@ class Replanner:
 
         Returns:
             The command, and the time at which it begins to brake, by the same clock [ns].
+
+        Raises:
+            ValueError: The commit horizon is shorter than `MIN_POINT_SPACING_NS`.
         """
         machine = self._planner.machine
         times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))

@@ -331,7 +331,8 @@ class StopSequence:
 
         If the stop has succeeded, the execution of the plan in force ends. The goal of this plan
         ends as reached if the tip is at the goal, otherwise as stopped. The goal to plan for after
-        the stop does not end.
+        the stop does not end. Goals that `join` added end as stopped, even without success. If the
+        stop was for an obstacle and no braking command was confirmed, this is logged.
 
         Args:
             result: Success and sentence, passed to the functions that wait. Success means that the

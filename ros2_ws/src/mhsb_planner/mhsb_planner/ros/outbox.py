@@ -223,7 +223,10 @@ class RosOutbox:
         self.publish(topics.MARKERS, markers)
 
     def report(self, report: Report) -> None:
-        """Publish a verdict or an execution report, count verdicts, and log refusals and aborts."""
+        """Publish a verdict or an execution report, count verdicts, and log refusals and aborts.
+
+        At most one line is logged in `LOG_INTERVAL`.
+        """
         self.publish(topics.PLAN_STATUS, plan_status.encode(report, self.ros_ns()))
         if isinstance(report, GoalVerdict):
             self.verdict_count += 1

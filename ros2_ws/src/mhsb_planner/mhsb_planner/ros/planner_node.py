@@ -134,10 +134,11 @@ class PlannerNode(Node):
         )
 
     def _make_interfaces(self) -> None:
-        """Create the service, timers and subscriptions of the node.
+        """Create the service, the timers, the handler of clock jumps, and the subscriptions.
 
-        The subscription to goals is created last, so that its presence shows that the planner is
-        ready.
+        The arm is stopped if the callback of the first timer or of one of `EXECUTION_TOPICS` fails
+        repeatedly. The subscription to goals is created last, so that its presence shows that the
+        planner is ready.
         """
         self.create_service(
             Trigger,
