@@ -94,9 +94,9 @@ class Disc(_Region):
     def offsets(self) -> FloatArray:
         """Points that planners try, as offsets (x, z) from the goal, shape (k, 2) [m].
 
-        The first is the goal. Then follow 8 points on each of several concentric rings, from the
-        inside outwards. The outermost of 1 to MOST_RINGS evenly spaced rings lies at the edge. They
-        are at most REGION_SPACING apart, if MOST_RINGS rings suffice for that.
+        The first is the goal. Then follow 8 points on each of 1 to MOST_RINGS concentric rings,
+        from the inside outwards. The rings are evenly spaced up to the edge. They are at most
+        REGION_SPACING apart, if MOST_RINGS rings suffice for that.
         """
         rings = min(MOST_RINGS, math.ceil(self.radius / REGION_SPACING))
         angle = np.arange(8) * math.pi / 4

@@ -118,8 +118,8 @@ def compile_polytope_areas() -> None:
 def compile_remaining_kernels() -> None:
     """Compile kernels that only some requests or nodes need, by calls for the default machine.
 
-    They are kernels for zones in space, for the energy of single states, for published steps, and
-    for the integrated planner's search.
+    They are kernels for zones in space, for the energy of single states, for the costs of single
+    steps, and for the integrated planner's search.
     """
     rest = np.zeros((1, machine().joint_count))
     compute_energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))

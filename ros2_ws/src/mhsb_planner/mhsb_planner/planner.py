@@ -267,8 +267,8 @@ class Planner:
         """Compile code before the first plan in this process, and postpone a deadline by this time.
 
         Without a deadline, only kernels for plans from rest are compiled. With a deadline, all
-        kernels are compiled and loaded. The latter is done once for each path planner, on arms with
-        a slew and on arms without.
+        kernels are compiled and loaded. The latter is done once for each path planner, separately
+        for arms with and without a slew.
 
         Args:
             kind: Name of the path planner.
@@ -455,7 +455,7 @@ class Planner:
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile and load all kernels that a plan needs.
 
-    Otherwise, the first plan with a deadline in a process does this for its path planner.
+    Without this call, the first plan with a deadline does this, only for its path planner.
 
     Args:
         planner: The planner. Its machine has no obstacles during the call; machine and graph are

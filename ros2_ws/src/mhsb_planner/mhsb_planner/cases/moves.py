@@ -95,9 +95,9 @@ def yield_random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -
     """Yield random moves that can be planned, between nodes of the posture table's grid.
 
     The start posture is the table's posture for mode N (main pump alone) of all actuators at a
-    random node. The goal is another random node. A slewing arm moves between random angles of joint
-    1. Moves without a plan are skipped and not counted. If no move has a plan, the generator never
-    ends.
+    random node. The goal is another random node. If the arm slews, its slew angles at start and
+    goal are random. Moves without a plan are skipped and not counted. If no move has a plan, the
+    generator never ends.
 
     Args:
         planner: Planner that decides, with its default options, whether a move has a plan.

@@ -241,8 +241,9 @@ def _yield_cheaper_lines(
         best: Incumbent (cheapest path so far); None if there is none.
 
     Yields:
-        Admissible paths, each cheaper than `best` and all earlier paths. `pieces` is None, except
-        in the first path if `best` is None.
+        Admissible paths, each cheaper than `best` and all earlier paths. If `best` is None, the
+        first path has its `pieces`, because it is converted at once. In all other paths, `pieces`
+        is None.
     """
     for k in numbers.tolist():
         limit = math.inf if best is None else best.cost

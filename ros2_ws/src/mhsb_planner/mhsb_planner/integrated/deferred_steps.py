@@ -93,7 +93,7 @@ def _find_bucket(deferred: DeferredSteps, estimate: float) -> int:
 def defer_step(
     deferred: DeferredSteps, origin: int, row: int, cost: float, lower_bound: float
 ) -> None:
-    """Put a step first into the bucket of its estimate.
+    """Put a step at the front of the bucket of its estimate, which is `cost` plus `lower_bound`.
 
     Args:
         deferred: Steps that wait to be priced, changed in place. Room for a step must be left.

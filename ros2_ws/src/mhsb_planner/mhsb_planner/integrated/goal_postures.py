@@ -91,10 +91,10 @@ def sample_goal_postures(
 
     The postures at a tip position have m = n − 2 free coordinates, or m = n − 3 if ψ must have one
     value. For m = 1, successive samples of ψ differ by at most `spacing`, and include the ends of
-    each feasible interval. For larger m, each coordinate is sampled at intervals of `spacing` to
-    the power 1/m, both in rad. With k tip positions, `spacing` is first multiplied by k. The number
-    of samples therefore hardly grows with m or k. Postures too near to obstacles are left out, as
-    are tip positions without any posture.
+    each feasible interval. For larger m, each coordinate is sampled at intervals of spacing^(1/m),
+    in rad. With k tip positions, `spacing` is first multiplied by k. The number of samples
+    therefore hardly grows with m or k. Postures too near to obstacles are left out, as are tip
+    positions without any posture.
 
     Args:
         machine: The arm without a slewing joint.

@@ -33,8 +33,7 @@ def yield_paths(problem: SearchProblem) -> Iterator[DiscretePath | None]:
     goal, one path without steps is yielded.
 
     Args:
-        problem: The search problem. The work for its paths is done once, so it gives its paths
-            once.
+        problem: The search problem. It serves for one search only, because it counts the work done.
 
     Yields:
         A path, or the value None before work that may take long. At None, the caller can try

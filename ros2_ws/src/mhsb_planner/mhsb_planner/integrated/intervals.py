@@ -88,8 +88,9 @@ def _unwrapped_wrist_direction(u: float, radius: float, link: float) -> float:
         α = atan2(−L sin u, R − L cos u)
 
     α is continued over whole turns, so that it grows with u. For R < L it is −π at u = 0 and grows
-    by 2π with every turn. For R = L it jumps from π/2 to 3π/2 at a whole turn. The wrist is at the
-    origin in this case, which the caller must exclude.
+    by 2π with every turn. For R = L and a whole turn, the wrist is at the origin and has no
+    direction, which the caller must exclude. There α jumps by π, such as from π/2 to 3π/2 at u =
+    2π.
 
     Args:
         u: Direction of the link relative to the tip's direction [rad].

@@ -332,7 +332,7 @@ def _is_useless(
 ) -> bool:
     """Return whether a step to a lattice point is of no use, by a lower bound on its cost.
 
-    That is so if one of these holds:
+    It is of no use in three cases:
 
     - It leads to no path below the cost limit, or to none cheaper than the known path to the goal.
     - It costs no less than the cheapest state of the point, plus the mode switches from there to
@@ -662,7 +662,10 @@ class LatticeSearch:
         return self._read_path() if status == GOAL_FOUND else None
 
     def _add_room(self) -> None:
-        """Double the memory for rows, states and deferred steps, each if half of it is in use."""
+        """Double the memory for rows, states and deferred steps.
+
+        Each of the three is doubled only if it would be more than half full after the next state.
+        """
         known, deferred, t = self._known, self._deferred, self._problem.cost_model
         moves = len(self._problem.lattice.moves)
         rows, states = known.counts.tolist()

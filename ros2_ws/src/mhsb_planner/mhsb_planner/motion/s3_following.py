@@ -252,9 +252,9 @@ def compute_followed_path(
     """Compute a motion along a discrete path, within the limits of piston acceleration and jerk.
 
     Each change of the piston speeds is a ramp (smooth change). Motions with longer and longer ramps
-    are tried until one keeps the limits. The first ramps are the shortest for the fastest step of
-    the path, multiplied by `ramp_factor`. If the arm moves at the start, the path begins during
-    `coast` in the first motions, and after `coast` in later motions.
+    are tried until one keeps the limits. The first motion's ramps are the shortest that reach the
+    path's highest piston speed, times `ramp_factor`. If the arm moves at the start, the path begins
+    during `coast` in the first motions, and after `coast` in later motions.
 
     Args:
         machine: Machine that moves.

@@ -317,7 +317,7 @@ def _fit_each(
 ) -> None:
     """Fit all curves for several beginnings of a motion, in order to compile kernels.
 
-    For each motion that keeps the limits, the energy is also computed, and what ramps would need.
+    For each motion that keeps the limits, the energy and a factor on its ramps are also computed.
 
     Args:
         machine: Machine that moves.

@@ -195,8 +195,8 @@ class Execution:
 
         Returns:
             None while the arrival is undecided. `REACHED` as soon as the tip has stayed long
-            enough. The check ends when `compute_settling_time` has passed since the plan's end.
-            Then the largest distance in the required time up to now decides between `REACHED` and
+            enough. The check ends when `compute_settling_time` has passed since the plan's end. The
+            largest distance within the required time before now then decides between `REACHED` and
             `ABORTED`.
         """
         dead_ns = round(compute_dead_time(machine) * SECOND_NS)

@@ -106,8 +106,8 @@ class ExecutionMonitor:
 
         Nothing happens in these cases:
 
-        - A further plan for the same goal is waited for, is being made, or was sent without an
-          answer yet.
+        - The same goal waits for a further plan, or this plan is being made, or it was sent without
+          an answer yet.
         - The arm has been silent for more than `REFERENCE_TIMEOUT`: it may be frozen, or its
           messages may be late. After `LONGEST_WAIT` the latest reports decide, and the execution
           report says for how long the arm has been silent.

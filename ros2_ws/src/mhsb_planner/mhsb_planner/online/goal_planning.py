@@ -152,9 +152,9 @@ class GoalPlanning:
         """Refuse a goal for which no plan can start, or keep it waiting.
 
         The goal is refused at once if the arm has another machine file. Otherwise it is refused
-        when it has waited for `LONGEST_WAIT`, but while the arm has never sent a state, not before
-        `START_UP` after the planner's start. If the arm moves under a command that this planner did
-        not send, the arm's own ~/stop is called, once for each goal.
+        when it has waited for `LONGEST_WAIT`. If the arm has never sent a state, the goal is
+        refused at the earliest `START_UP` after the planner's start. If the arm moves under a
+        command that this planner did not send, the arm's own ~/stop is called, once for each goal.
 
         Args:
             pending_goal: The waiting goal.

@@ -105,8 +105,8 @@ class LifecycleState:
 
         The goal is refused if the arm reports a fault or another machine file, if the goal is out
         of reach, if its options do not fit, or if it was sent before the last stop (`void_goals`).
-        Otherwise it is added to `stream`. An older waiting goal ends as superseded, unless the arm
-        executes a plan for it.
+        Otherwise it is added to `stream`. An older goal that waits ends as superseded. If the arm
+        still executes an earlier plan for the older goal, this goal only ceases to wait.
 
         Args:
             pending_goal: The new goal.
@@ -202,7 +202,7 @@ class LifecycleState:
         return self.unconfirmed_goals
 
     def end(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
-        """End a goal, and make its plans void that the arm has not confirmed yet.
+        """End a goal, and drop or make void its plans that the arm has not confirmed yet.
 
         The goal gets a verdict, or an execution report if it was accepted before. If it has ended
         already, it gets no report. If the arm executes a plan for the goal, the execution

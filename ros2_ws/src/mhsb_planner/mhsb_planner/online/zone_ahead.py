@@ -187,9 +187,9 @@ def make_braking_for_obstacle(
     """Make the command that brakes along the path in force for an obstacle ahead.
 
     The result is the softest braking that touches no obstacle and comes to rest at least the
-    machine's margin away from all obstacles. If there is none, the braking with the greatest least
-    clearance on the way is taken, usually the hardest. If several are equal, the clearance at rest
-    decides.
+    machine's margin away from all obstacles. If there is none, brakings are compared by their least
+    clearance on the way. The one with the greatest value is taken, usually the hardest. If several
+    are equal, the clearance at rest decides.
 
     Args:
         machine: Machine with the zones in force.

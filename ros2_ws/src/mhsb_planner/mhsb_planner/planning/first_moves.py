@@ -300,8 +300,8 @@ def _postures_nearby(source: PathSource, posture: FloatArray) -> Iterator[FloatA
     """Yield postures within the joint limits, in ascending order of the time of a straight move.
 
     If the given posture is beyond joint limits, the posture clipped to the limits comes first, even
-    if it is in an obstacle. Then come those of the table's postures with all actuators in mode N
-    (main pump alone) that are clear of obstacles. If the arm slews, these get the clipped slew
+    if it is in an obstacle. Then come the table's postures for mode N (main pump alone) of all
+    actuators, except those too near to obstacles. If the arm slews, these get the clipped slew
     angle. The time of a move is estimated for its slowest joint, from moment arm and V_max (allowed
     piston speed).
 

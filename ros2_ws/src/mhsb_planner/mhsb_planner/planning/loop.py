@@ -291,7 +291,7 @@ class PlanningLoop:
             self._try_variants(proposal, motion, rules)
 
     def _estimate_min_speed_factor(self) -> float:
-        """Estimate the factor on V_max below which no slower motion will be cheaper.
+        """Estimate the factor on V_max below which slower motions will not be cheaper.
 
         At f times its speed, the incumbent's path takes up to 1/f times as long and leaks up to 1/f
         times as much. Slowing saves at most the cost of boosts and mode switches. So the slower

@@ -42,9 +42,9 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
     """Return the rules by which the first motion of a path is made.
 
     A motion is a polynomial or follows the path. The first of these that names a method decides:
-    the options, `of_path`, the planner. A polynomial may exceed V_max (allowed piston speed) by
-    `options.max_speed_excess`, unless the polynomial is due to `of_path`. In all other cases,
-    FOLLOWED_SPEED_EXCESS is the limit.
+    the options, `of_path`, the planner. V_max is the allowed piston speed. A polynomial may exceed
+    it by `options.max_speed_excess` if the options, or else the planner, also name the polynomial.
+    In all other cases, only FOLLOWED_SPEED_EXCESS is allowed.
 
     Args:
         options: Options of the plan.

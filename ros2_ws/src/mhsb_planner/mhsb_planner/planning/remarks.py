@@ -37,7 +37,7 @@ def append_remarks(
     A clause that the sentence contains already is not repeated.
 
     Args:
-        error: Error of a planning, changed in place.
+        error: Error that planning raised. Its `args` are changed in place.
         machine: The whole arm.
         table: Posture table of its plane.
         start: Posture at the start, shape (n,) [rad or m].

@@ -46,7 +46,7 @@ def _has_posture(arm: Machine, tip: Position | FloatArray) -> bool:
 
 
 def _append_nearest_node(error: MhsbError, arm: Machine, position: Position) -> None:
-    """Append a clause with the nearest node of the grid that an arm reaches to an error's sentence.
+    """Add the nearest grid node that an arm reaches to an error's sentence.
 
     Args:
         error: The error, changed in place; it stays as it is if no node is in reach.

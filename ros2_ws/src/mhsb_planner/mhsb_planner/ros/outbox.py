@@ -135,8 +135,8 @@ class RosOutbox:
         """Store the worker's answer to a request, and wake the node.
 
         The method runs in the worker's thread. An exception that is not an MhsbError is also logged
-        with its traceback. A request that `close` has dropped gets no answer. Garbage of earlier
-        plans is collected once the node has been woken.
+        with its traceback. A request that `close` has dropped gets no answer. After the node has
+        been woken, Python's garbage collection is run.
 
         Args:
             request: The request.

@@ -178,7 +178,8 @@ def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: F
 
     A move between two clear postures is clear if the sum of their clearances is at least the
     distance that the arm travels. A move from a clear posture to a posture too near to an obstacle
-    is marked unchecked. All other moves are checked along the way, unless they are marked already.
+    is marked without a check. All other moves are checked along the way, unless they are marked
+    already.
 
     Args:
         t: Postures, clearances and obstacles of the graph. Clearances are negative if a posture is

@@ -134,8 +134,8 @@ class PublishedSearch:
     def _pop_next_label(self) -> int | None:
         """Take the node with the least estimated cost from the open list and make its label final.
 
-        A label is the cheapest path found to a node. Entries of nodes with a final label are
-        removed without a result.
+        A label is the cheapest path found to a node. Entries of nodes whose label is final already
+        are dropped on the way.
 
         Returns:
             Index of the node, which may be the goal; None if the open list is empty.

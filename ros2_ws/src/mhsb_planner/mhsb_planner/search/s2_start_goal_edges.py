@@ -241,8 +241,9 @@ def compute_steps_from_start(
         rings: Number of rings of nodes around the corners; 0 means the corners alone.
 
     Returns:
-        One step for each reached node and admissible combination, with duration [s] and energies in
-        both readings (`paper`, `series`) [J]. The steps to the goal have the state NO_STATE.
+        One step for each reached node and each admissible mode combination, with duration [s] and
+        energies in both readings (`paper`, `series`) [J]. The steps to the goal have the state
+        NO_STATE.
     """
     cost_model, nodes = graph.steps.cost_model, graph.grid.cell_corners(*start.tip, rings)
     to_grid = _compute_steps_to_nodes(cost_model, start.postures, nodes)

@@ -78,8 +78,8 @@ def yield_carrying_postures(
     postures yielded before.
 
     Args:
-        machine_among_shadows: Arm without its slew. Its obstacles are the shadows of all zones past
-            which the slew turns the arm (`Machine.make_planar_arm_with_shadows`).
+        machine_among_shadows: Arm without its slew. Its obstacles are the shadows of the zones for
+            the slew's turn (`Machine.make_planar_arm_with_shadows`).
         graph: Step graph of the arm without its slew, with the posture table.
         request: Path request in the arm's plane.
 

@@ -62,7 +62,7 @@ def find_inertia_excess(
     inertia: FloatArray,
     modes: ModeArray,
 ) -> float:
-    """Find the factor by which inertia forces exceed those for which the pressure suffices.
+    """Find the factor by which inertia forces are too large for the available pressure.
 
     The needed pressure p is linear in the inertia force. With p_0 without inertia, and the highest
     supply pressure p_max, the factor is (p − p_0)/(p_max − p_0). The unit tests compare the result
