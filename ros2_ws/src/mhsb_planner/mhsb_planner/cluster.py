@@ -112,12 +112,12 @@ class _ClusterExecutor(Executor):
     """
 
     def __init__(self, address: str, shared: SharedState | None) -> None:
-        """Connect to the scheduler, and send the recipe of the shared state to it.
+        """Connect to the scheduler, and send it the data from which workers make the shared state.
 
         Args:
             address: Address of the scheduler.
-            shared: Function and arguments by which each worker makes the state that tasks share.
-                None means that nothing is sent, and that tasks get only their own arguments.
+            shared: Function and arguments with which each worker makes the state that its tasks
+                share. None means that nothing is sent, and that tasks get only their own arguments.
 
         Raises:
             ClusterAddressError: The text is not an address.
@@ -286,7 +286,12 @@ def versions_fingerprint() -> str:
 
 
 def _perform_on_worker(
-    address: str, wanted: str, shared: SharedState | None, work: Callable[..., Result], *given: Any
+    address: str,
+    wanted: str,
+    shared: SharedState | None,
+    work: Callable[..., Result],
+    args: tuple[Any, ...],
+    named: dict[str, Any],
 ) -> Result:
     """Execute a task on a worker, if the worker has the same versions as the caller.
 
@@ -296,7 +301,8 @@ def _perform_on_worker(
         shared: Function and arguments that make the state that tasks share. None means that the
             task gets only its own arguments.
         work: Function of the task.
-        *given: Positional arguments of `work` as a tuple, and its named arguments as a mapping.
+        args: Positional arguments of `work` after the state.
+        named: Named arguments of `work`.
 
     Returns:
         Result of the task.
@@ -306,7 +312,7 @@ def _perform_on_worker(
     """
     if wanted != versions_fingerprint():
         raise ClusterError(address, VERSION_MISMATCH_REASON)
-    return perform(shared, work, *given)
+    return perform(shared, work, args, named)
 
 
 @dataclass(frozen=True)

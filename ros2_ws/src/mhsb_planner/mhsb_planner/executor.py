@@ -260,7 +260,7 @@ class _LocalExecutor(ThreadPoolExecutor):
         self._processes.close()
 
     def _start_process(self) -> None:
-        """Prepare a process for the calling thread. It replaces a process that has crashed.
+        """Prepare a process for the calling thread, at its beginning or after a crash.
 
         The process starts with its first task. The calling thread blocks SIGINT from now on, and
         the process inherits the block. Otherwise SIGINT would end the process with a traceback
@@ -273,14 +273,17 @@ class _LocalExecutor(ThreadPoolExecutor):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         self._own.process = self._processes.enter_context(process)
 
-    def _perform_in_process(self, work: Callable[..., Result], *given: Any) -> Result:
+    def _perform_in_process(
+        self, work: Callable[..., Result], args: tuple[Any, ...], named: dict[str, Any]
+    ) -> Result:
         """Execute a task in the process that belongs to the calling thread.
 
         If the process crashes, a new process repeats the task, with a warning in the log.
 
         Args:
             work: Function of the task.
-            *given: Two values, the positional arguments of `work` and its named arguments.
+            args: Positional arguments of `work` after the state.
+            named: Named arguments of `work`.
 
         Returns:
             Result of the task.
@@ -290,7 +293,8 @@ class _LocalExecutor(ThreadPoolExecutor):
         """
         for _ in range(MAX_ATTEMPTS):
             try:
-                return self._own.process.submit(_perform_with_process_state, work, *given).result()
+                task = self._own.process.submit(_perform_with_process_state, work, args, named)
+                return task.result()
             except BrokenProcessPool:
                 self._start_process()
                 _log.warning("a process has ended before its work was done; it is done again")
@@ -347,12 +351,15 @@ def _set_process_state(shared: SharedState | None) -> None:
     _process_state[:] = [shared]
 
 
-def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Result:
+def _perform_with_process_state(
+    work: Callable[..., Result], args: tuple[Any, ...], named: dict[str, Any]
+) -> Result:
     """Execute a task with the shared state of this process; SIGINT can interrupt it.
 
     Args:
         work: Function of the task.
-        *given: Two values, the positional arguments of `work` and its named arguments.
+        args: Positional arguments of `work` after the state.
+        named: Named arguments of `work`.
 
     Returns:
         Result of the task.
@@ -362,7 +369,7 @@ def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Res
     """
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        return perform(_process_state[0], work, *given)
+        return perform(_process_state[0], work, args, named)
     finally:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
