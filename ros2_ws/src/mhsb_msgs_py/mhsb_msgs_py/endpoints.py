@@ -56,7 +56,7 @@ def make_subscription(
 
 
 def describe_duplicates(node: Node, publishers: Sequence[Publisher]) -> str:
-    """Describe which node name and topics of a node are used more than once in the ROS graph.
+    """Report if a node's name or its topics are used more than once in the ROS graph.
 
     The function counts the nodes with this node's full name, and the publishers on the topic of
     each given publisher. One call takes a fraction of a millisecond; one call a second is enough.

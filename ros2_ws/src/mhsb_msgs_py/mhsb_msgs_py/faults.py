@@ -88,7 +88,8 @@ class Faults:
     def record_fault(self, place: str, error: Exception) -> str:
         """Log and count a fault, and stop the arm if a watched callback fails repeatedly.
 
-        The arm is stopped after IN_A_ROW_TO_STOP failures of this callback in a row.
+        The arm is stopped after IN_A_ROW_TO_STOP failures of this callback in a row. Faults of one
+        kind (callback, exception type and place in the code) are logged once in LOG_PERIOD.
 
         Args:
             place: Name of the callback that failed, as `name_callback` gives it.
@@ -175,7 +176,7 @@ class Faults:
             self.record_fault("the stop after repeated faults", error)
 
     def _log(self, place: str, error: Exception, sentence: str) -> None:
-        """Log a fault, unless one of its kind was logged within the last `LOG_PERIOD`.
+        """Log a fault if no fault of its kind was logged within the last `LOG_PERIOD`.
 
         Two faults are of one kind if callback, exception type and place in the code are equal. The
         first fault of a kind is logged with its traceback, later ones as one line. After

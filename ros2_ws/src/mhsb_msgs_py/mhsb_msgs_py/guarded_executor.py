@@ -105,9 +105,10 @@ class GuardedExecutor(SingleThreadedExecutor):
     def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Task:
         """Make the task that takes an entity's input and executes its callback.
 
-        An exception while the input is taken, or in the callback, is recorded as a fault.
-        Requests of services are taken by `_take_request`, and messages for the node's clock by
-        `_take_clock`. All other input is taken by rclpy.
+        An exception while the input is taken, or in the callback, is recorded as a fault. Errors
+        that are meant to end the node are raised. Requests of services are taken by
+        `_take_request`, and messages for the node's clock by `_take_clock`.
+        All other input is taken by rclpy.
 
         Args:
             entity: Subscription, timer, service or other object that is ready.
@@ -127,6 +128,8 @@ class GuardedExecutor(SingleThreadedExecutor):
         def guarded_take(entity: Any) -> Execution | None:
             """Take the entity's input, and record an exception as a fault.
 
+            Errors that are meant to end the node are raised.
+
             Args:
                 entity: Object that the executor serves.
 
@@ -143,6 +146,8 @@ class GuardedExecutor(SingleThreadedExecutor):
 
         async def guarded(execute: Execution) -> None:
             """Execute the callback, and record its success or its exception.
+
+            Errors that are meant to end the node are raised.
 
             Args:
                 execute: Coroutine function that executes the callback.
@@ -270,7 +275,7 @@ def _send_response(node: Node, service: Service, response: Any, header: Any, att
     """Send a response, and repeat this every `RESPONSE_PERIOD` while its client cannot receive it.
 
     rclpy warns if the client cannot receive the response; there is no other sign. A failure of all
-    attempts is logged.
+    attempts is logged. If sending raises an error, that is logged, and no further attempt follows.
 
     Args:
         node: Node of the service. A timer of the node makes the next attempt, so its callbacks are
@@ -334,17 +339,18 @@ def _take_clock(subscription: Subscription) -> Execution | None:
 def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str:
     """Return why parameters of a request cannot be set.
 
-    A value is checked only if it is a number with a range, since rclpy's own sentence on it names
-    no numbers. rclpy checks all other values.
+    A value is checked here only if it is a floating-point number with a range, because rclpy's own
+    sentence would name no numbers. All other values are checked by rclpy.
 
     Args:
-        node: Node of the parameters. Only those in its `deletable_parameters` may be deleted.
+        node: Node of the parameters. Its attribute `deletable_parameters`, if it has one, lists
+            those that may be deleted.
         parameters: Parameters of the request.
 
     Returns:
         One sentence about the first unusable parameter; empty if there is none. A parameter is
-        unusable if it does not exist, has an unknown type, is out of range, or must not be deleted
-        but would be.
+        unusable if it does not exist, has an unknown type or is out of range. It is also unusable
+        if the request would delete it and it is not in `deletable_parameters`.
     """
     deletable = getattr(node, "deletable_parameters", ())
     for parameter in parameters:

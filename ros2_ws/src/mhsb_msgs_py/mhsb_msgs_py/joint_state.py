@@ -62,8 +62,8 @@ def decode(message: JointState, joint_names: Sequence[str]) -> JointSample:
 
     Raises:
         MessageError: One of these holds. A name is missing, unknown or given twice. A joint lacks a
-            finite value. The stamp is not a time that a clock may show (`stamps.from_clock`): it is
-            before 1970, or so late that later times would not fit into a message.
+            finite value. The stamp is before 1970, or so late that later times would not fit into a
+            message (`stamps.from_clock`). Its nanoseconds make a second or more.
     """
     order = checks.find_joint_order("joint states", message.name, joint_names)
     return JointSample(

@@ -46,7 +46,7 @@ class _SubscribedTopic:
     keys: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=MESSAGE_CAPACITY))
 
     def pass_on(self, message: Any, info: dict[str, int]) -> None:
-        """Pass a message to the callback, unless another subscription has already received it.
+        """Pass a message to the callback if no other subscription has received it before.
 
         If the topic has further subscriptions, a message can come twice. Such duplicates are
         recognized by publishing time and sequence number among the last MESSAGE_CAPACITY messages.

@@ -53,7 +53,8 @@ def decode(message: JointTrajectory | bytes, actuator_names: Sequence[str]) -> M
         The schedule; its `last_switch_ns` is None.
 
     Raises:
-        MessageError: One of these holds. There is no point, or there are more than MOST_POINTS. A
+        MessageError: One of these holds. The bytes are no such message. The nanoseconds of a time
+            make a second or more. There is no point, or there are more than MOST_POINTS. A
             name is missing, unknown or given twice. The times do not start at 0 or do not increase.
             A point lacks a position for an actuator. A position is not 0, 1 or 2. A point has
             velocities, accelerations or efforts.

@@ -221,7 +221,8 @@ def run_command_node(
 def _warn_of_unknown_parameters(node: Node) -> None:
     """Log a warning for each parameter of the command line that the node does not have.
 
-    rclpy ignores such parameters without a message.
+    rclpy ignores such parameters without a message. Names that begin with `qos_overrides.` are
+    never reported.
 
     Args:
         node: The node.

@@ -40,7 +40,8 @@ def describe_passed_range(name: str, value: float, text: str, least: float, grea
         greatest: Largest allowed number.
 
     Returns:
-        One sentence with range and unit, which suggests another unit if that may be meant.
+        One sentence with range and unit. If the number would be in range in another unit, the
+        sentence suggests that unit.
     """
     units = UNIT_IN_DESCRIPTION.findall(text)
     unit = units[-1] if units else ""

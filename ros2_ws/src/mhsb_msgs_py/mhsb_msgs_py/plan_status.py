@@ -125,7 +125,7 @@ def _decode_status(message: DiagnosticStatus) -> Report:
         message: The status.
 
     Returns:
-        The report.
+        The report. A verdict has a summary of the plan only if it accepts the goal.
 
     Raises:
         MessageError: The status or code is unknown, or a value is missing or cannot be read.

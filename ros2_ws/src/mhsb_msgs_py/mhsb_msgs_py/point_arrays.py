@@ -168,7 +168,7 @@ class _HeadReader:
             raw: Bytes of the message.
 
         Raises:
-            MessageError: The bytes are no JointTrajectory.
+            MessageError: The bytes are no JointTrajectory in little-endian CDR.
         """
         if raw[:2] != CDR_ENCAPSULATION[:2]:  # two bytes of options follow
             raise _make_unreadable_error(raw)
@@ -193,6 +193,9 @@ class _HeadReader:
 
         Returns:
             The numbers.
+
+        Raises:
+            struct.error: The bytes end before the numbers do.
         """
         self._at += -self._at % 4
         numbers = layout.unpack_from(self._raw, self._at)
@@ -211,6 +214,8 @@ class _HeadReader:
 
         Raises:
             MessageError: The text is longer than the remaining bytes.
+            UnicodeDecodeError: The text is not in UTF-8.
+            struct.error: The bytes end before the length does.
         """
         length = self._read_count()
         if length > len(self._raw) - self._at:

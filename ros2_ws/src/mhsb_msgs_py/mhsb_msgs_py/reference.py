@@ -60,8 +60,9 @@ def decode(message: JointTrajectory, joint_names: Sequence[str]) -> Reference:
     Raises:
         MessageError: One of these holds. A name is missing, unknown or given twice. The number of
             points is not 1, or the point is not at time 0. A joint lacks a finite position,
-            velocity or acceleration. The stamp is not a time that a clock may show: it is before
-            1970, or so late that later times would not fit into a message.
+            velocity or acceleration. The stamp is before 1970, or so late
+            that later times would not fit into a message. The nanoseconds of a
+            time make a second or more.
     """
     order = checks.find_joint_order("joint_names", message.joint_names, joint_names)
     if len(message.points) != 1:

@@ -61,7 +61,8 @@ def decode(message: JointTrajectory | bytes, joint_names: Sequence[str]) -> Traj
         The trajectory.
 
     Raises:
-        MessageError: One of these holds. A name is missing, unknown or given twice. There is no
+        MessageError: One of these holds. The bytes are no such message. The nanoseconds of a time
+            make a second or more. A name is missing, unknown or given twice. There is no
             point, or there are more than MOST_POINTS. The times do not start at 0, do not increase,
             are more than 20 ms apart or exceed MAX_DURATION_NS. A point lacks a finite position,
             velocity or acceleration for a joint, or has efforts. A joint still moves at the last

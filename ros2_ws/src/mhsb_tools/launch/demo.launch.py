@@ -43,7 +43,7 @@ ARGUMENTS = {  # name: (default, meaning); those of mhsb.launch.py come on top
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Everything, and the arguments to set it up."""
+    """Return the launch arguments, both nodes, and the actions that the arguments ask for."""
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
         for name, (default, meaning) in ARGUMENTS.items()
@@ -109,7 +109,7 @@ def make_goal(goal) -> Node:
 
 
 def chain_processes(processes: list) -> list:
-    """Return the first process, and handlers that start each other one after the one before."""
+    """Return actions that start the first process, and each other when the one before it ends."""
     handlers = [
         RegisterEventHandler(OnProcessExit(target_action=before, on_exit=[after]))
         for before, after in pairwise(processes)

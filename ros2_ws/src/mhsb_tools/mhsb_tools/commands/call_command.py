@@ -39,6 +39,8 @@ def call(
 
     Raises:
         ServiceError: There is no such service, it gives no answer in time, or it refuses.
+        RosNameError: ROS does not take the name of the service.
+        RosError: ROS cannot make a node in this environment.
     """
     with run_command_node(lambda: Node("mhsb_call")) as (executor, node):
         answer = _call_trigger(node, executor, service, timeout)

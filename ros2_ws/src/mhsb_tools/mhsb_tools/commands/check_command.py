@@ -86,7 +86,7 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         - joints: a list with a dictionary for each joint: range, moment arm, stroke, load
         - hydraulics: pressures, flows and speeds
         - controllers: names of the controllers that work with the machine's sensors
-        - default_controller: the one of them that runs unless another is chosen
+        - default_controller: the controller that runs if the user chooses none
         - pressure_sensors: whether the machine has pressure sensors
         - length_sensors: their class, rate, and the time in which a frozen one is found
         - dead_bands: valve openings below which no oil flows, extending and retracting [-]
@@ -128,13 +128,15 @@ def format_report(machine: Machine) -> list[str]:
         machine: The arm.
 
     Returns:
-        Lines without line breaks: name, table of joints, pumps and booster modules, values that the
-        file gives to one actuator only, suitable controllers, length sensors, dead bands, curves
-        and compensators of the valves, the dead time of a machine without pressure sensors or else
-        the declared delay of commands, a delay that is not compensated, and counts of workspace
-        points. If the machine has obstacles, the count of points that remain reachable follows. The
-        last lines are warnings, see `machine_doubts`. Angles are in degrees, pressures in MPa and
-        flows in L/min.
+        Lines without line breaks, with angles in degrees, pressures in MPa and flows in L/min:
+
+        - name and hashes, table of joints, pumps and booster modules
+        - values that the file gives to one actuator only
+        - suitable controllers, length sensors, dead bands, curves and compensators of the valves
+        - dead time of a machine without pressure sensors, else the declared delay of commands
+        - a sentence on a delay that the controller `coordinated` does not compensate
+        - counts of workspace points and, if there are obstacles, of those that remain reachable
+        - warnings (`machine_doubts`)
     """
     found = collect_facts(machine)
     lines = [
@@ -187,9 +189,8 @@ def _length_sensor_facts(machine: Machine) -> dict[str, Any]:
         - rate_hz: readings in a second
         - noise_rad, offset_rad, drift_rad_s: standard deviations of the joint angle; noise is None
           if the file gives it for lengths
-        - frozen_found_s: longest time in which the simulator's supervision finds a frozen sensor,
-          with its default limits, while the fastest piston moves at V_max; None if the supervision
-          does not find it
+        - frozen_found_s: longest time in which the simulator's supervision, with default limits,
+          finds a frozen sensor; the fastest piston moves at V_max; None if it is not found
     """
     sensors = machine.config.imperfections.sensors
     _, limit = SupervisionLimits.for_controller(default_controller(machine)).frozen_length
@@ -294,7 +295,7 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
         - moment_arm_m: least and largest moment arm dL/dq over the range, signed
         - stroke_m: change of the cylinder length over the range
         - straight_out_torque_nm (straight_out_force_n for a telescope): torque (or force) that
-          holds the load; None if position 0 is outside the joint's range, or if the joint slews
+          holds the load; None if the joint slews, or cannot be at position 0
         - straight_out_load_pressure_pa: supply pressure that holds the load; None if the torque (or
           force) is None
         - own: values that the machine file gives to this actuator alone, by their key
@@ -454,7 +455,7 @@ Each entry is a format string and the factor from the SI value to the printed un
 
 
 def _own_lines(joints: list[dict[str, Any]]) -> list[str]:
-    """Format the values by which single actuators differ from the machine's common values.
+    """Format the values that the machine file gives to single actuators alone.
 
     Args:
         joints: One dictionary for each joint, as `_joint_facts` returns it. Only `own` is read:

@@ -114,7 +114,8 @@ def demo(
         Exit code 0.
 
     Raises:
-        MhsbError: A goal was lost or refused.
+        MhsbError: A goal was lost or refused. Or a file or the output folder cannot be used, a
+            planner or simulator already runs in this ROS domain, or a process failed.
     """
     with redirect_stdout(sys.stderr) if json_ else nullcontext():
         summary = _demo(output, machine, goals, (plant, estimates_file), view)
@@ -371,8 +372,8 @@ def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal, 
     There are three cases:
 
     - The goal has a time: the wait ends that long after sending.
-    - It has no time, and a plan was made: the wait ends `REST_TIME` after the execution report (the
-      planner's message on the end of the motion). If that report does not come, the wait ends after
+    - It has no time, and a plan was made: the wait ends `REST_TIME` after the execution report,
+      which says that the motion has ended. If that report does not come, the wait ends after
       the plan's duration plus `ANSWER_TIMEOUT` plus `REST_TIME`.
     - It has no time, and no plan was made: there is no wait.
 

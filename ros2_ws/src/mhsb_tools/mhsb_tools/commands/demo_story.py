@@ -87,7 +87,7 @@ def _place(entry: Mapping[str, Any]) -> str:
 
 
 def _describe_fate(goal: Mapping[str, Any], has_next: bool) -> str:
-    """Describe what became of a goal.
+    """Describe the fate of a goal.
 
     Args:
         goal: Entry of a goal in the summary. Reads `fate`, `explanation`, `distance_at_rest_mm` and
@@ -120,9 +120,9 @@ def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
         summary: The report's summary.
 
     Returns:
-        At most one line each on planning time, the largest jump of the reference when a new plan
-        takes over, and the tip's distance from its reference. A line is missing if its values are
-        None. Then one line for each cavitation event of a cylinder.
+        At most one line each on planning time, largest jump of the reference at a hand-over, and
+        the tip's distance from its reference. A line is missing if its values are None. Then one
+        line for each cavitation event of a cylinder.
     """
     lines = []
     planning, lead = summary["replan_ms"]["p50"], summary["lead_ms"]["p50"]

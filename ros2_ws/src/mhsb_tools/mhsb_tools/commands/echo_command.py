@@ -47,6 +47,12 @@ def echo(
         timeout: How long to wait for a publisher [s]; with --once, the limit of the wait for a
             message, too.
         json: Print each message as a JSON object on one line; NaN and infinite numbers are null.
+
+    Raises:
+        TopicError: There is no publisher in time, or with `once` no message in time. Or the
+            message type is not installed.
+        RosNameError: ROS does not take the name of the topic.
+        RosError: ROS cannot make a node in this environment.
     """
     try:
         with run_command_node(lambda: Node("mhsb_echo")) as (executor, node):

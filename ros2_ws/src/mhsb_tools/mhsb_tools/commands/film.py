@@ -304,10 +304,10 @@ class _Film:
     def _update_artists(self, row: int, time: float) -> None:
         """Set all moving artists to one instant.
 
-        Cylinder barrels get the colour of their actuator's mode. The tip's path from the beginning
-        to this instant is coloured by the strongest mode of all actuators (N < DB < SB) at each
-        point. Only the latest goal up to this instant is marked; before the first goal there is no
-        mark.
+        Cylinder barrels get the colour of their actuator's mode. The tip's path is drawn from the
+        beginning to this instant. Each point has the colour of the strongest mode of all actuators
+        (N < DB < SB). Only the latest goal up to this instant is marked; before the first goal
+        there is no mark.
 
         Args:
             row: Index of the sample to show, in the move's arrays.

@@ -29,6 +29,15 @@ STEP_TOLERANCE = 1e-6
 def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list[str]:
     """List what is allowed in a machine file, but cannot work or is not simulated as given.
 
+    These are doubtful:
+
+    - a relief pressure below the main pump's pressure, or (of lines) below the highest boost;
+    - a servo pump power that is too low for full flow at the highest boost;
+    - a workspace without a posture, or without a point at which the payload is held;
+    - a main pump's flow above LARGEST_FLOW_RATIO times what all cylinders take at V_max;
+    - a pin that is far from its joint, and a V_max that an actuator cannot reach;
+    - a computing delay that is no whole number of simulation steps.
+
     Args:
         machine: The machine.
         held_points: Number of workspace points at which the arm can be held, boosted or not.

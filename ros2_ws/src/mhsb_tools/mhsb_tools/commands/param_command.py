@@ -52,6 +52,8 @@ def param(
         UsageError: The action takes fewer or more words.
         ParameterError: There is no such node or parameter, the value has a wrong type, or the node
             refuses it or does not answer in time.
+        RosNameError: ROS does not take the name of the node.
+        RosError: ROS cannot make a node in this environment.
     """
     given = [each for each in (name, value) if each is not None]
     words = {"list": "NODE", "get": "NODE NAME", "set": "NODE NAME VALUE"}[action]

@@ -84,8 +84,8 @@ class MoveArguments:
 
         Returns:
             Start posture, shape (n,) [rad, telescopes m]; None without `--start-posture`. Then the
-            tip's position in `base_link`, (x, z) or (x, y, z) [m]: that of the start posture, else
-            the value of `--start`; None without both options.
+            tip's position in `base_link`, (x, z) or (x, y, z) [m]. It follows from the start
+            posture, or is the value of `--start`; None without both options.
 
         Raises:
             UsageError: The posture has a wrong number of values, or is given together with
@@ -345,8 +345,8 @@ def build_request(
         weights: Weights of energy [1/J], time [1/s] and mode switches. None takes the case's, or
             without a case those for least energy.
         planner: Name of the planner; None takes the case's, or DEFAULT_PLANNER without a case.
-        initial_j3: Angle of joint 3 that the planner `fixed` keeps [rad]. None takes the case's, or
-            without a case that of the posture table at the start.
+        initial_j3: Angle of joint 3 that the planner `fixed` keeps [rad]. None takes the case's
+            angle; without a case, the planner takes the angle from the posture table at the start.
 
     Returns:
         The request; its name is empty if no case was named.
@@ -381,15 +381,15 @@ def build_request(
 
 
 def list_replaced_values(asked: PaperCase) -> list[str]:
-    """List the values of a request that differ from those of its case.
+    """List the values of a request that differ from the values of its case.
 
     Args:
-        asked: The request. Its name is that of the case on which it is based; empty if there is
+        asked: The request. Its name is the name of the case on which it is based; empty if there is
             none.
 
     Returns:
-        Phrases such as `--goal 0.6 0.1 in place of its 0.55 0.6` (0.55 0.6 is the goal of the
-        case). There is one for each of start, goal, weights, planner and angle of joint 3 that
+        Phrases such as `--goal 0.6 0.1 in place of its 0.55 0.6`, where `its` refers to the case.
+        There is one for each of start, goal, weights, planner and angle of joint 3 that
         differs from the case. Empty if the request is based on no case.
 
     Raises:
@@ -459,12 +459,19 @@ def _format_value(value: object) -> str:
 def check_options_have_effect(asked: PaperCase, given: Mapping[str, Any]) -> None:
     """Raise an error if an option was given that changes nothing in this request.
 
-    For example, only the published search has a heuristic scale, and only a polynomial may exceed
-    V_max (piston speed for planning). An area weight of 0 is always accepted.
+    Each of these options has a condition:
+
+    - `initial_j3`, `search`, `heuristic_scale`: the planner takes the option
+    - `heuristic_scale`: the search is `published`
+    - `max_speed_excess`: the trajectory is a polynomial, by its option or by the planner's default
+    - `via_tolerance`: there is a via point
+    - `energy_reading`: the weight of energy is not 0
+    - `area_weight` above 0: the planner weighs the area of the velocity polytope
 
     Args:
         asked: The request; its planner and its weights are read.
         given: Value of each option, by its name with underscores; None if the option was not given.
+            Options without a condition are ignored.
 
     Raises:
         UsageError: An option has no effect. The message names the first such option, says why, and

@@ -182,7 +182,7 @@ def _make_timed_plan(
         `total` the time of all [s].
 
     Raises:
-        MhsbError: No plan was found.
+        MhsbError: No plan was found, or an end of a range is not allowed for the machine.
     """
     at_rest, found, log, began = MotionState.at_rest(posture), None, PlanLog(), time.perf_counter()
     if any(ranges):
@@ -224,8 +224,8 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
     Returns:
         A dictionary in SI units, except `timings_ms` [ms]. Keys:
 
-        - energy_j, energy_series_j, duration_s, switches_scheduled: of the motion; the energy is in
-            the readings `paper` and `series`, two ways to price boosted oil
+        - energy_j, energy_series_j, duration_s, switches_scheduled: of the motion; boosted oil is
+            priced as `paper` and as `series`
         - energy_discrete_j, energy_series_discrete_j, duration_discrete_s, switches, cost: of the
             path
         - lower_bound_j: lower bound on the energy; gap: share by which the motion's energy exceeds
@@ -402,7 +402,7 @@ def format_path(machine: Machine, plan: Plan) -> list[str]:
     Returns:
         A line of column titles, a line for each step, and a line with the sums. The columns are:
         number of the step (1, 2, …), tip at the end of the step [m], modes, duration [s], energy
-        [J], cavitating actuators. The modes are those of the search; the motion may have others.
+        [J], cavitating actuators. The search has chosen the modes; the motion may have others.
     """
     path, names = plan.path, np.array(machine.actuator_names)
     empty = find_cavitating_steps(machine, path)
@@ -467,10 +467,13 @@ def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | No
         plan: The plan.
 
     Returns:
-        A dictionary: `area_discrete_m2_s2` and `area_m2_s2` (mean area along the discrete path and
-        along the motion; None if the tip does not move), `area_reference_m2_s2` (smallest area that
-        counts as full), and `area_shortfall_m` [m], the shortfall. It equals the length of a path
-        with area 0 that would have the same shortfall.
+        A dictionary. Keys:
+
+        - area_discrete_m2_s2, area_m2_s2: mean area along the discrete path, and along the motion;
+            None if the tip does not move
+        - area_reference_m2_s2: smallest area that counts as full
+        - area_shortfall_m: the shortfall [m], which is the length of a path with area 0 that would
+            have the same shortfall
     """
     motion, reference = plan.motion, compute_reference_area(planner.graph.table)
     path = compute_area_along_path(planner.machine, plan.path)

@@ -251,7 +251,7 @@ def _summary(
     Returns:
         A dictionary. Keys:
 
-        - machine, machine_hash
+        - machine: its name; machine_hash: hash of all values on which its posture table depends
         - met, met_exact: number of expectations that the published search and the exact search meet
         - met_by_heuristic_scale: number that the published search meets, by scale of its heuristic
           [1/m] as text
@@ -304,10 +304,10 @@ def as_text(found: ExpectationJudgement) -> list[str]:
 
     Returns:
         Lines without line breaks: column titles, three lines for each expectation, and a last line.
-        The three lines have the paper's statement, the result of the published search and that of
-        the exact search; both say yes if the expectation is met. The last line counts the
-        expectations that each search meets, and the published one also with other scales of its
-        heuristic.
+        The three lines have the paper's statement, the result of the published search, and the
+        result of the exact search. A result says yes if the expectation is met, else no. The last
+        line counts the expectations that each search meets, and the published one also with other
+        scales of its heuristic.
     """
     lines = ["expectation   search     met   what the paper says, and own"]
     for published, exact in zip(found.published, found.exact, strict=True):

@@ -157,9 +157,12 @@ def simulate(
         Exit code: 0, or 1 if a goal was missed.
 
     Raises:
-        UsageError: There is no goal, or `audit` is given together with `json_`.
+        UsageError: There is no goal, `audit` is given together with `json_`, or the value of an
+            option cannot be used.
         EstimatesFileError: The estimates file cannot be used, or not be written. Both are found
             before the run.
+        MhsbError: Another file, the output folder or the controller cannot be used. Or a goal
+            cannot be planned, or the simulation diverged.
     """
     if not goal:
         raise command_line.UsageError("give --goal X Z T, once or several times")
@@ -397,7 +400,7 @@ def compute_planned_energy(machine: Machine, samples: Samples) -> Energy:
         samples: The simulated run.
 
     Returns:
-        Energy of the whole run [J], in both readings (ways to price boosted oil).
+        Energy of the whole run [J], with boosted oil priced as `paper` and as `series`.
     """
     span = np.full(len(samples.time), SAMPLE_NS / SECOND_NS)
     return compute_energy_of_states(
@@ -475,8 +478,8 @@ def _goal_numbers(axes: Sequence[str], result: GoalRun) -> dict[str, Any]:
         A dictionary. It has the goal's coordinates by name of the axis [m], and `time_s`, the time
         until the next goal. `goal_distance_mm` is the tip's distance from the goal when that time
         is over. If a plan was made, also `duration_s`, `plan_ms` (planning time), `warnings`, and
-        two planned energies. They differ in the price of boosted oil: `energy_planned_j` (reading
-        `paper`) and `energy_planned_series_j` (reading `series`).
+        two planned energies. They differ in the price of boosted oil: `paper` in
+        `energy_planned_j`, `series` in `energy_planned_series_j`.
     """
     numbers: dict[str, Any] = {
         **dict(zip(axes, result.goal.position, strict=True)),
@@ -504,9 +507,9 @@ def as_text(summary: dict[str, Any]) -> list[str]:
     Returns:
         A line of column titles, then a line for each goal. Each goal's line has position [m], time
         until the next goal [s] and duration of the plan [s]. Last comes the tip's distance from the
-        goal at the end of that time [mm]. Then lines with warnings, tip errors [mm], highest
-        pressures [MPa], energies of main pump and servo pumps [J], numbers of mode switches and of
-        interventions of the mode guard, and simulated time [s].
+        goal at the end of that time [mm]. Lines with warnings, tip errors [mm], highest pressures
+        [MPa] and energies of main pump and servo pumps [J] follow. The last lines have numbers of
+        mode switches and of interventions of the mode guard, and simulated time [s].
     """
     axes = [axis for axis in "xyz" if axis in summary["goals"][0]]
     head = f"goal {', '.join(axes)} [m]"

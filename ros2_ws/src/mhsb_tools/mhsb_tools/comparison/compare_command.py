@@ -78,6 +78,7 @@ def compare(
 
     Raises:
         UsageError: `truths` is above `moves`, or the weights cannot be used.
+        MhsbError: The machine file, the output folder or the cluster cannot be used.
     """
     sought = min(DEFAULT_TRUTHS, moves) if truths is None else truths
     if sought > moves:
@@ -139,6 +140,10 @@ def list_compared_moves(machine: Machine, moves: int, truths: int) -> list[Compa
 
     Returns:
         The moves. Cases have their own names, random moves are named `1`, `2` and so on.
+
+    Raises:
+        MhsbError: The highest boost pressure is not allowed as supply pressure, or a posture table
+            has no posture.
     """
     compile_kernels()
     planner = Planner(machine, load_or_build_table(machine))
@@ -262,7 +267,7 @@ def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], 
     """Draw simulated against planned energy ratio, one point for each move, as PNG.
 
     Each ratio is the energy of the integrated planner's motion divided by the energy of the
-    baseline planner's motion. Planned energies are in the reading `series` (servo pump in series
+    baseline planner's motion. Planned energies price boosted oil as `series` (servo pump in series
     with the main pump). The diagonal marks equal ratios, and a shaded band marks ratios that differ
     by at most AGREEMENT_SHARE. Moves that one of the two planners did not plan have no point.
 

@@ -61,8 +61,8 @@ def search_ground_truth(
     pressure P_S does not carry its load. In the other search it is not. Each path of these two
     searches is improved by small changes if it costs at most 1.25 times as much as the incumbent.
 
-    `search_least_cost` runs in none of these cases: the reading is `series`, an actuator is boosted
-    at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
+    `search_least_cost` does not run in four cases: boosted oil is priced as `series`, an actuator
+    is boosted at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
 
     Args:
         machine: The planar arm (without the slewing joint).

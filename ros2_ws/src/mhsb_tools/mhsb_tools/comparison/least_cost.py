@@ -69,8 +69,8 @@ def search_least_cost(
 
     All actuators are in mode N (fed by the main pump) at the start. Goal postures too near to an
     obstacle are left out, but the path may pass through obstacles. Boosted oil has the price p_L/η
-    (reading `paper`), with load pressure p_L and servo pump efficiency η. The result is optimal on
-    the lattice; a finer lattice may have a cheaper path.
+    (energy reading `paper`), with load pressure p_L and servo pump efficiency η. The result is
+    optimal on the lattice; a finer lattice may have a cheaper path.
 
     Args:
         machine: The planar arm (without the slewing joint).
@@ -239,7 +239,7 @@ class _Pricing:
         energy = m.supply_pressure * (oil + leakage * time)
         return np.asarray(self.weights.energy * energy + self.weights.time * time)
 
-    def load_pressure(self, force: FloatArray, out: np.ndarray) -> FloatArray:
+    def load_pressure(self, force: FloatArray, extends: np.ndarray) -> FloatArray:
         """Compute the load pressure p_L, the supply pressure that a load needs, of piston forces F.
 
             p_L = (F + a p_T) / A    extending
@@ -249,14 +249,14 @@ class _Pricing:
 
         Args:
             force: Piston forces [N], shape (k, n), positive if the load resists extension.
-            out: True if the cylinder extends, False if it retracts, shape (k, n).
+            extends: True if the cylinder extends, False if it retracts, shape (k, n).
 
         Returns:
             Load pressure [Pa], shape (k, n).
         """
         tank = self.m.tank_pressure
         extending = (force + self.rod * tank) / self.cap
-        return np.where(out, extending, (-force + self.cap * tank) / self.rod)
+        return np.where(extends, extending, (-force + self.cap * tank) / self.rod)
 
     def more_leakage(self, supply: FloatArray) -> FloatArray:
         """Compute how much more a valve leaks at boost pressure than at P_S.
@@ -284,10 +284,10 @@ class _Pricing:
         """Compute the cost w₁ E + w₂ T of k steps in every mode combination (pattern).
 
         E is the energy [J], T the duration [s]; mode switches are not included. Boosted oil has the
-        price p_L/η (reading `paper`), with load pressure p_L and servo pump efficiency η. The
-        duration of a step, and so the piston speeds, depend on the pattern. A pattern is exact if
-        it boosts just the cylinders that need boost at its own piston speeds. The patterns allowed
-        for a step are:
+        price p_L/η (energy reading `paper`), with load pressure p_L and servo pump efficiency η.
+        The duration of a step, and so the piston speeds, depend on the pattern. A pattern is exact
+        if it boosts just the cylinders that need boost at its own piston speeds. The patterns
+        allowed for a step are:
 
         - the exact ones, if there are any;
         - otherwise all that boost at least the cylinders that need boost at their piston speeds.
@@ -430,8 +430,8 @@ class _Pricing:
             force: Piston forces at rest, positive if they resist extension [N], shape (k, n).
 
         Returns:
-            Cost of the switch from each mode combination, shape (k, patterns): w₃, the weight of
-            mode switches, times the number of actuators that change their mode.
+            Cost of the switch from each mode combination, shape (k, patterns). It is the weight of
+            mode switches, w₃, times the number of actuators that change their mode.
         """
         needs = self.load_pressure(force, force > 0.0) + self.m.boost_margin
         hold = np.where(needs > self.m.supply_pressure, Mode.DB, Mode.N)
@@ -533,12 +533,12 @@ class _Lattice:
             spacing *= 1.1
 
     def _choose_points(self, start: FloatArray, here: FloatArray, spacing: float) -> bool:
-        """Choose the lattice points for one spacing and store what the search needs of them.
+        """Choose the lattice points for one spacing, and store the values that the search needs.
 
-        A point is kept if a path through it may be cheaper than the known path. Two lower bounds on
-        the cost, from the start to the point and from the point to the nearest goal posture, must
-        add up to less than the known cost. With N points kept, the method sets these attributes; if
-        N is 0, it sets only `place`, which is then empty:
+        A point is kept if a path through it may be cheaper than the known path. One lower bound is
+        on the cost from the start to the point, another from there to the nearest goal posture.
+        Together they must be less than the known cost. With N points kept, the method sets these
+        attributes; if N is 0, it sets only `place`, which is then empty:
 
         - place: lattice indices of each point, shape (N, n)
         - angle, length, force: joint positions [rad or m], cylinder lengths [m] and piston forces
@@ -631,8 +631,9 @@ class _Lattice:
     def _may_be_cheaper(self, j: int, here: float, length: FloatArray) -> np.ndarray:
         """Return which lengths of one cylinder can occur on a path cheaper than the known one.
 
-        The known cost is compared with a lower bound: the cost of moving this cylinder alone, first
-        from the start to the tested length, then to the goal posture that is cheapest for it.
+        The known cost is compared with a lower bound, the cost of moving this cylinder alone. It
+        moves from the start to the tested length, and then to the goal posture that is cheapest for
+        it.
 
         Args:
             j: Index of the cylinder.

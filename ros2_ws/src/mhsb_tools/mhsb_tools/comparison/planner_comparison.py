@@ -126,6 +126,10 @@ class PlannerComparer:
         Args:
             machine: The arm.
             weights: Weights of the cost for all planners.
+
+        Raises:
+            MhsbError: The highest boost pressure is not allowed as supply pressure, or a posture
+                table has no posture.
         """
         self._planner = Planner(machine, load_or_build_table(machine))
         strong = raise_supply_pressure(machine)
@@ -313,7 +317,7 @@ def compare_all(
 def compute_ratios(
     comparisons: Iterable[Comparison], kind: str, baseline: str = BASELINE_PLANNER
 ) -> dict[str, FloatArray]:
-    """Divide energies and durations of one planner's motions by those of another planner.
+    """Divide energies and durations of one planner's motions by another planner's values.
 
     Args:
         comparisons: Results of all planners for each move. Moves that one of the two planners did
@@ -325,8 +329,8 @@ def compute_ratios(
         Ratios `kind` / `baseline`, each of shape (moves,), in the order of the comparisons; empty
         if no move was planned by both. Keys:
 
-        - energy, energy_series: of the planned energies in the readings `paper` and `series`, two
-            ways to price boosted oil
+        - energy, energy_series: of the planned energies, with boosted oil priced as `paper` and as
+            `series`
         - energy_simulated: of the simulated energies
         - simulated_over_planned_ratio: `energy_simulated` divided by `energy_series`, 1 if the
             simulation shows the saving that was planned

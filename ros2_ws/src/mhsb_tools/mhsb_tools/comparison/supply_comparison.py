@@ -301,7 +301,7 @@ def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, An
     Returns:
         A dictionary. Keys:
 
-        - planned_j: sum of the energies of all motions [J], by planner
+        - planned_j: sum of the energies of all motions [J], by planner; 0 if no motion was needed
         - constant_pressure_pa: lowest constant pressure at which the default planner's motions need
             no boost [Pa]
         - constant_pressure_j: energy of these motions with a main pump at that pressure and without
@@ -309,7 +309,8 @@ def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, An
         - failures: reason as a sentence, by planner, if the planner did not reach a goal; it is
             then not in `planned_j`
 
-        Both values of the constant pressure are None if the default planner has failed.
+        Both values of the constant pressure are None if the default planner has failed, or if the
+        arm is at all goals already.
     """
     planner, goals = Planner(machine, load_or_build_table(machine)), list(goals)
     found: dict[str, dict[str, Any]] = {}

@@ -78,7 +78,7 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
     Returns:
         The record; time 0 is the beginning of the motion. `reference` is None. `chambers` has the
         load pressures p_L (supply pressures that the loads need), because a plan has no chamber
-        pressures. It also has the pressures that decide on boost: p_L, valve drop and boost margin.
+        pressures. It also has the sum of p_L, valve drop and boost margin, which decides on boost.
     """
     trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
     offset_ns = np.linspace(0, trajectory.duration_ns, SAMPLE_COUNT).astype(np.int64)

@@ -483,16 +483,16 @@ def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, 
 
 
 def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
-    """Draw a bar with a label for each energy source, in a column on the left.
+    """Draw the energy sources as bars in one column on the left, each with a label.
 
-    The label has name, energy [J] and percentage; an energy of 0 has a label, too.
-    The bars are stacked without gaps and centred vertically.
+    The bars have the same width and stand on each other without gaps; the column is centred
+    vertically. Labels are left of the column, with name, energy [J] and percentage of `total`.
 
     Args:
         given: Energy of each source [J], in order from the top.
         total: Sum of the energies of all sources [J], for the percentages in the labels.
         scale: Height of a bar, as a share of the axes' height, per energy [1/J].
-        axes: Axes to draw on.
+        axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
     """
     heights = [scale * value for value in given.values()]
     tops = (1.0 - sum(heights)) / 2 + np.cumsum([0.0, *heights[:-1]])
@@ -504,14 +504,14 @@ def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: A
 def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
     """Draw a bar with a label for each use of energy on the right, and a band that leads to it.
 
-    The label has name, energy [J] and percentage; an energy of 0 has a label, too.
-    The bands start at the stack of sources on the left.
+    Labels are right of the bars, with name, energy [J] and percentage of `total`. The bands start
+    at the column of sources on the left, one below the other. The bars have gaps of BAND_GAP.
 
     Args:
         taken: Energy of each use [J], in order from the top.
         total: Sum of the energies of all sources [J], for the percentages in the labels.
         scale: Height of a bar, as a share of the axes' height, per energy [1/J].
-        axes: Axes to draw on.
+        axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
     """
     heights = np.array([scale * value for value in taken.values()])
     above = np.cumsum([0.0, *heights[:-1]])
@@ -530,8 +530,9 @@ def label_places(middles: FloatArray) -> FloatArray:
             (k,).
 
     Returns:
-        Height of each label, in the same unit and order, shape (k,). Each is near the middle of its
-        bar. Neighbours are at least LEAST_PITCH apart, or 1/k if that is smaller.
+        Height of each label, in the same unit and order, shape (k,). Each is as near to the middle
+        of its bar as the labels before it and the axes' ends allow. Neighbours are at least
+        LEAST_PITCH apart, or 1/k if that is smaller.
     """
     pitch = min(LEAST_PITCH, 1.0 / max(len(middles), 1))
     own = pitch * np.arange(len(middles))
@@ -558,7 +559,7 @@ def _write_all(
         total: Sum of the energies of all sources [J], for the percentages.
         edge: Horizontal position of the bars' edge, as a share of the axes' width.
         side: 1 writes to the right, −1 to the left.
-        axes: Axes to draw on.
+        axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
     """
     for (name, value), middle, height in zip(
         parts.items(), middles, label_places(middles), strict=True
@@ -580,7 +581,7 @@ def _draw_bar(left: float, top: float, height: float, name: str, axes: Axes) -> 
         top: Upper edge, as a share of the axes' height from the top.
         height: Height of the bar, as a share of the axes' height.
         name: Part of the energy; it selects the colour.
-        axes: Axes to draw on.
+        axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
     """
     from matplotlib.patches import Rectangle
 
@@ -598,7 +599,7 @@ def _draw_band(left_edge: float, right_edge: float, height: float, name: str, ax
         right_edge: Upper edge at the right column, in the same unit.
         height: Height of the band, in the same unit.
         name: Part of the energy; it selects the colour.
-        axes: Axes to draw on.
+        axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
     """
     along = np.linspace(0.0, 1.0, 60)
     shift = left_edge + (right_edge - left_edge) * (3.0 - 2.0 * along) * along**2

@@ -52,10 +52,7 @@ class Range:
     high: float
 
     def __post_init__(self) -> None:
-        """Raise RequestError unless both ends are finite and above 0, and `low` is at most `high`.
-
-        Equal ends are accepted.
-        """
+        """Raise RequestError if an end is not finite or not above 0, or `low` is above `high`."""
         if not 0.0 < self.low <= self.high < math.inf:
             rule = "must be two finite numbers above 0, the lower one first"
             raise RequestError("range", f"{self.low:g} … {self.high:g}", rule)
@@ -258,7 +255,7 @@ class _Search:
     def look_around(self, own: Point) -> None:
         """Plan at all samples of the ranges, then refine around the cheapest local minima.
 
-        A local minimum is a sample of which no neighbour on the grid (up to eight) is cheaper. The
+        A local minimum is a sample without a cheaper neighbour among up to eight on the grid. The
         machine's own point is added to the local minima if it is within the ranges. The refinement
         starts from each of the `REFINEMENT_STARTS` cheapest of these points.
 
@@ -324,8 +321,8 @@ class _Search:
     def found(self) -> OperatingPoint:
         """Return the cheapest of all points that were tried, and plan there once more.
 
-        Of equally cheap points, the one with the lowest supply pressure is taken, and of these the
-        one with the lowest V_max (piston speed for planning). Afterwards the planner has this
+        Among equally cheap points, the lowest supply pressure decides, then the lowest V_max
+        (piston speed for planning). Afterwards the planner has this
         point's machine.
 
         Returns:

@@ -201,8 +201,8 @@ class SingleSupply(NamedTuple):
 def compute_single_supply(machine: Machine, trajectory: Trajectory) -> SingleSupply:
     """Compute what a motion takes with one pump at constant pressure and without boost.
 
-    The pressure is the lowest that suffices throughout the motion.
-    The difference from the plan's energy in reading `series` is what boost saves on this motion.
+    The pressure is the lowest that suffices throughout the motion. If this energy exceeds the
+    plan's (with boosted oil priced as `series`), the difference is what boost saves.
 
     Args:
         machine: The arm.
@@ -277,8 +277,8 @@ def compute_pump_control_energy(
     reservoir.
 
     At P_j > 0 the shaft takes P_j/η. At P_j < 0 a load lowers: the shaft gets back η |P_j| if
-    `recovering`, else nothing. The drag P_d is added for the whole duration. Lock valves hold loads
-    at rest without energy. Leakage counts only as part of η.
+    `recovering`, else nothing. The shafts also take the drag P_d during the whole motion. Lock
+    valves hold loads at rest without energy. Leakage counts only as part of η.
 
     Args:
         machine: The arm.
@@ -378,9 +378,9 @@ System = Callable[[Machine, MotionLoads], SupplyEnergy]
 def baselines(machine: Machine) -> Mapping[str, System]:
     """Return the supplies with which MHSB is compared, as functions that compute their energy.
 
-    They are constant pressure at the lowest possible level for each motion, load sensing with each
-    of `LOAD_SENSING_MARGINS`, and pump control with each of `make_pump_maps`, with and without
-    recovery of energy.
+    They are constant pressure at the lowest level that each motion needs, and load sensing with
+    each of `LOAD_SENSING_MARGINS`. Then comes pump control with each of `make_pump_maps`, with and
+    without recovery of energy.
 
     Args:
         machine: The arm. Only its pump efficiencies are used.

@@ -66,7 +66,7 @@ def draw_workspace_axes(machine: Machine, axes: Axes) -> None:
     """Set up axes x, z [m] of equal scale around the workspace and draw its border.
 
     Args:
-        machine: The arm. If it slews, the axes are those of the plane that joint 1 turns, from
+        machine: The arm. If it slews, x and z are in the plane that joint 1 turns, and count from
             joint 2.
         axes: Axes to set up: limits, scale, ticks and labels.
     """
@@ -177,9 +177,9 @@ def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
     """Draw keep-out zones, ground and base in the arm's plane.
 
     Obstacles of the whole arm are darker than those that only the tip must keep out of. If the arm
-    slews, a zone in space is drawn as the outline of its shadow: the part of the plane that meets
-    the zone at some slew angle of the move. The drawn arm may therefore be inside a shadow without
-    touching the zone.
+    slews, a zone in space is drawn as the outline of its shadow. The shadow is the part of the
+    plane that meets the zone at some slew angle of the move. The drawn arm may therefore be inside
+    a shadow without touching the zone.
 
     Args:
         machine: The arm with its obstacles.
@@ -198,8 +198,9 @@ def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
 def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, Any], ...]) -> None:
     """Draw the circles and boxes of an obstacle table in the arm's plane.
 
-    A shape that several rows describe is drawn once. Obstacles of the whole arm get one label in
-    all, those of the tip alone another. Rows that stand for a link of the arm itself are skipped.
+    A shape that several rows describe is drawn once. All obstacles of the whole arm share one
+    label, and all obstacles of the tip alone another label. Rows that stand for a link of the arm
+    itself are skipped.
 
     Args:
         rows: Obstacle table with the columns of `obstacles.zones`. A shape may have several rows,
@@ -264,8 +265,9 @@ def widen_axes_to_arm(machine: Machine, postures: FloatArray, axes: Axes) -> Non
 def draw_workspace_picture(machine: Machine, regions: OperatingRegions, file: Path) -> None:
     """Draw where the machine holds its load at rest, and write the picture as PNG.
 
-    It shows the arm's plane, x and z [m]: the reachable grid points by the joints that need boost
-    there, the operating range, obstacles, and the arm in its start posture. If the arm slews,
+    It shows the arm's plane, x and z [m]. Reachable grid points have the colour of the joints that
+    need boost there. Operating range, obstacles and the arm in its start posture are drawn, too. If
+    the arm slews,
     obstacles are drawn for all angles of the slew.
 
     Args:

@@ -99,9 +99,9 @@ def count_points_left(machine: Machine) -> dict[str, Any]:
     """Count the workspace points that the arm reaches, with and without its obstacles.
 
     A point is reached if it has a posture within the joint limits. It is left if one of these
-    postures also keeps clear of all obstacles, margin included. If a zone is given in space (for an
-    arm that slews), each point is tested at `SLEW_SAMPLES` slew angles, and each angle counts as
-    one.
+    postures also keeps clear of all obstacles, margin included. An arm that slews may have zones in
+    space. Each point is then tested at `SLEW_SAMPLES` slew angles, and each angle counts as one
+    point.
 
     Args:
         machine: An arm that has obstacles.

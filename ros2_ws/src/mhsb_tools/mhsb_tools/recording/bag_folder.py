@@ -99,7 +99,7 @@ def _find_unlisted_files(
     The stem of `run_3.mcap` is `run`. A file belongs to the recording if its name has the
     recording's stem. That stem is the first of these that exists:
 
-    1. the stem of the listed files;
+    1. the stem of the listed files (if they have several stems, each of them);
     2. the name of the folder, if it is the stem of a file;
     3. the stem of all data files, if they have only one.
 

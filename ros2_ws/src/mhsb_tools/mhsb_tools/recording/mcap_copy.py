@@ -86,8 +86,8 @@ class McapCopy:
     def add_chunk(self, chunk: Chunk) -> None:
         """Write a chunk with its message indexes; a chunk without messages is not written.
 
-        A chunk is from another recording if it has a schema or channel that differs from the new
-        file's schema or channel with the same id. The messages of such a chunk get new channel ids
+        A chunk is from another recording if one of its schemas or channels has an id that stands
+        for something else in the new file. The messages of such a chunk get new channel ids
         and are written as new chunks. Later chunks of the same recording get the same new ids, even
         if they contain no schemas and channels.
 

@@ -104,9 +104,9 @@ def parse_record(opcode: int, content: bytes | memoryview) -> Any:
         is not UTF-8, `with_known_text` has replaced this definition.
 
     Raises:
-        StructureError: The fields do not fill the content exactly, or a text is not in UTF-8. It is
-            also raised if a schema has the id 0, or if the message counts of the channels do not
-            add up to the total in the statistics.
+        StructureError: The fields do not fill the content exactly, or a text is not in UTF-8. Or a
+            schema has the id 0. Or, in statistics, the channels' message counts do not add up to
+            the total.
     """
     stream = _RecordStream(BytesIO(content))
     try:

@@ -185,7 +185,7 @@ class Survey:
     def listed_chunks(self) -> frozenset[tuple[int, int, int]]:
         """Keys of the chunks in the summary: first and last log time [ns], unpacked size [bytes].
 
-        Empty unless the summary's checksum is verified.
+        Empty if the summary is missing or its checksum is not verified.
         """
         if self.summary is None or not self.summary.verified:
             return frozenset()
@@ -308,9 +308,10 @@ class Survey:
         """Choose the summary that describes the kept messages.
 
         `summary` becomes the last summary that has a right checksum and lists at least one kept
-        chunk with messages. If messages are kept but there is no such summary, `summary` may have a
-        right checksum and list other chunks. It then describes another recording and becomes None.
-        Otherwise it stays.
+        chunk with messages. `unlisted` becomes the number of messages in kept chunks that it does
+        not list. If there is no such summary, `summary` stays, with one exception. If messages are
+        kept, and it has a right checksum and lists other chunks, it is set to None, because it
+        describes another recording.
         """
         for summary in reversed(self._summaries):
             unlisted = self._unlisted(summary)
@@ -364,7 +365,8 @@ class Survey:
         """Count the messages of a chunk and add its schemas and channels.
 
         If the chunk occurred before, its messages are counted separately as repeated. Definitions
-        in a chunk with a checksum are also stored among the reliable ones.
+        in a chunk with a checksum are also stored among the reliable ones. New messages extend the
+        time span and set `summary` to None (`_count`). Faults are recorded in `first_damage`.
 
         Args:
             chunk: A verified chunk.

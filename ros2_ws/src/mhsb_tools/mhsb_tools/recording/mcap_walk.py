@@ -201,6 +201,9 @@ class McapWalk:
         Returns:
             Offset at which the walk continues. After a chunk, it is the offset after the chunk's
             message indexes.
+
+        Raises:
+            BagError: The budget for reading or unpacking is used up.
         """
         found = self._chunk_of_damaged_head(at)
         if found is not None:
@@ -222,8 +225,8 @@ class McapWalk:
     def _yield_chunk(self, found: RecordFrame) -> Walking:
         """Yield the chunk of a record, or damage if the chunk is damaged.
 
-        Message indexes follow each chunk. If those of a damaged chunk are complete, they give the
-        number of lost messages. Otherwise the number is None, which means unknown. Message indexes
+        Message indexes follow each chunk. Complete indexes of a damaged chunk give the number of
+        lost messages. Otherwise the number is None, which means unknown. Message indexes
         that do not fit an undamaged chunk are yielded as damage with 0 lost messages.
 
         A damaged index may state a wrong length, so that it seems to contain the next chunk. If a
@@ -292,6 +295,9 @@ class McapWalk:
             True in each of three cases. No record that can follow a chunk begins at its stated end.
             Or another length gives a chunk with the right checksum. Or another chunk with the right
             checksum begins inside it.
+
+        Raises:
+            BagError: The budget for reading or unpacking is used up.
         """
         if not self._structure.can_continue_at(found.end):
             return True
@@ -324,10 +330,11 @@ class McapWalk:
     def _chunk_of_damaged_head(self, at: int) -> tuple[Chunk, int] | None:
         """Find the chunk that begins at an offset, even if one field of its head is damaged.
 
-        All known compressions are tried. With each of them, three packed sizes are tried: the
-        stated packed size, the size that follows from the record's length, and the stated unpacked
-        size. The first combination that gives content with the stated checksum is taken. A chunk
-        without a checksum is never found.
+        All known compressions are tried, each with three packed sizes: the stated packed size, the
+        size by the record's length, and the stated unpacked size. A combination counts only if the
+        content begins as its compression requires, and a record that can follow a chunk comes next.
+        The first that gives content with the stated checksum is taken. A chunk without a checksum
+        is never found.
 
         Args:
             at: Offset at which the chunk record would begin.
@@ -450,11 +457,14 @@ class McapWalk:
 
         Yields:
             One piece of damage. All messages in the lists of the indexes are counted as lost. If a
-            chunk with the right checksum begins among the indexes, the damage ends there, and the
-            number of lost messages is None, which means unknown.
+            chunk with the right checksum begins among the indexes, the damage ends there. The
+            number of lost messages is then None, which means unknown.
 
         Returns:
             Offset after the damage.
+
+        Raises:
+            BagError: The budget for reading or unpacking is used up.
         """
         count, end, times = self._indexes(found.at)
         at = self._find_verified_chunk(found.at, end)
@@ -477,11 +487,12 @@ class McapWalk:
 
         Yields:
             The schema or channel, or the record of a header, message, attachment or metadata. The
-            record that ends the data section yields a summary if parts of one came before, and
-            damage if the checksum of the data is wrong.
+            record that ends the data section yields a summary if parts of one came before. It also
+            yields damage if the checksum of the data is wrong.
 
         Raises:
             StructureError: The record is damaged.
+            BagError: The budget for reading or unpacking is used up.
         """
         is_private = found.opcode >= FIRST_PRIVATE_OPCODE
         is_nameless = (
@@ -570,8 +581,9 @@ class McapWalk:
             found: Record of the footer.
 
         Yields:
-            Damage if the checksum of the summary is wrong; the summary, if there is one; damage if
-            the magic bytes after the footer are wrong; damage if further bytes follow.
+            Up to four pieces in this order. The first is damage if the summary's checksum is wrong,
+            the second the summary, if there is one. The others are damage if the magic bytes after
+            the footer are wrong, and damage if further bytes follow.
 
         Returns:
             Offset at which the walk continues: the end of the file, or the next records after the

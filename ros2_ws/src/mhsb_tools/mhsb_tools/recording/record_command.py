@@ -158,6 +158,8 @@ def record(
         UsageError: Not exactly one of `output` and `repair` is given, or `duration` is given
             with `repair`.
         BagError: The recording cannot be written or repaired.
+        RosArgumentsError: The arguments after `--ros-args` cannot be used.
+        RosError: ROS cannot make the node in this environment.
     """
     if repair is not None and output is None:
         if duration is not None:

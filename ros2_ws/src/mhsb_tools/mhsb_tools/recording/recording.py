@@ -306,8 +306,9 @@ class _GrowingTable:
             width: Numbers in a vector.
 
         Returns:
-            ROS times, int64 (k,) [ns]; log times, int64 (k,) [ns]; and a list of `count` arrays,
-            one for each vector of a row, of shape (k, width). All are in the order of log time.
+            ROS times, int64 (k,) [ns], and log times, int64 (k,) [ns]. Then a list with an array of
+            shape (k, width) for each of the `count` vectors of a row. All are in the order of log
+            time.
         """
         log_ns = np.array(self.log_ns, dtype=np.int64)
         order = np.argsort(log_ns, kind="stable")

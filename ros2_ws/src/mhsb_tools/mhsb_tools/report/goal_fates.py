@@ -108,8 +108,8 @@ class JudgedGoal:
         """Time from the goal's receipt until the arm left its old plan for the goal's plan [ms].
 
         The planner reports it; it includes attempts that the arm refused. None if the time was not
-        reported, or if no new plan for the goal came into force (the arm was there already, or kept
-        its old plan).
+        reported, or if no new plan for the goal came into force. So it is None, too, if the arm was
+        there already or kept its old plan.
         """
         plan = self.verdict.plan if self.verdict else None
         if not self.plan_stamp_ns or plan is None or self.is_continued:
@@ -172,9 +172,10 @@ def find_unrecorded_goals(recording: Recording) -> tuple[TimedValue, ...]:
         recording: The recording.
 
     Returns:
-        The goals, as their verdicts state them. The time of a goal is its stamp if this is at most
-        LONGEST_ANSWER_NS before the verdict, by the system clock or else in ROS time. Otherwise it
-        is the time of the verdict.
+        The goals, as their verdicts state them, in the order of the verdicts. A goal has the times
+        of its verdict, moved back to its stamp if the stamp can be the time of sending. It can be
+        if the verdict came 0 to LONGEST_ANSWER_NS after it, by the system clock or, if not, in ROS
+        time.
     """
     recorded = {each.value.stamp_ns for each in recording.goals}
     found = []
@@ -210,9 +211,10 @@ def judge_goals(
     The first rule that fits decides:
 
     1. Refused: the verdict finds fault with the goal itself. The rule is skipped if `all_feasible`.
-    2. Stopped: the verdict is STOPPED, or the execution ended with the outcome STOPPED.
+    2. Stopped: the execution report's outcome is STOPPED. Without a report, the verdict is STOPPED.
     3. Lost: the goal's plan came into force and ended `settling_time` or more before the next goal
-       or the recording's end, but no execution report says that the goal was reached.
+       that was not refused, or before the recording's end. Yet no execution report says that the
+       goal was reached.
     4. Applied: the goal's plan came into force, or the arm was at the goal already.
     5. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within `lead_max`. Newer
        goals that are refused do not count.
@@ -222,7 +224,8 @@ def judge_goals(
         goals: Goals in the order in which they were sent.
         reports: Verdicts and execution reports, in any order.
         plans_in_force: Stamps [ns] of the plans that the arm executed; 0 if it held its position.
-        plan_ends: End of each published trajectory [ns, ROS time], by its stamp [ns].
+        plan_ends: End of each published trajectory [ns, ROS time], by its stamp [ns]. A goal whose
+            plan is not in it is never lost by rule 3.
         until_ns: End of the recording [ns, ROS time].
         all_feasible: True states that a path to every goal exists; then no goal is judged as
             refused.
@@ -311,7 +314,7 @@ def _judge_unapplied_goal(
     newer: TimedValue | None,
     lead_max: float,
 ) -> tuple[GoalResult, str]:
-    """Judge a goal of which no plan came into force.
+    """Judge a goal for which no plan came into force.
 
     It is superseded if its verdict is OK or SUPERSEDED and a newer goal was recorded less than
     `lead_max` later. Otherwise it is lost.
@@ -352,8 +355,8 @@ def _judge_applied_goal(
 ) -> tuple[GoalResult, str]:
     """Judge a goal whose plan came into force, or that needed no plan.
 
-    The goal is lost if two things hold: no execution report says that the goal was reached, and the
-    goal's plan ended at or before `left_until_ns`. Otherwise it is applied, also if `end_ns` is
+    The goal is lost if its plan ended at or before `left_until_ns` and no execution report says
+    that the goal was reached. Otherwise it is applied, also if `end_ns` is
     None.
 
     Args:

@@ -84,7 +84,7 @@ def _step(
 
     Returns:
         Four energies [J]: measured energy of the main pump, measured shaft work of the servo pumps,
-        and planned energy in the readings `paper` and `series` (two ways to price boosted oil). All
+        and planned energy with boosted oil priced as `paper` and as `series`. All
         are 0 if the time does not increase or a measured energy falls, as after a restart of the
         simulator.
     """

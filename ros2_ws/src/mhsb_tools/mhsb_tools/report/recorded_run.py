@@ -81,6 +81,9 @@ def check_machine(recording: Recording, machine: Machine) -> None:
 def evaluate_recording(recording: Recording, machine: Machine) -> EvaluatedRecording:
     """Evaluate references, modes, tip, goals and energy of a recording.
 
+    A warning is logged if goals have verdicts but no recorded message, or if the recording does not
+    say which machine it is of.
+
     Args:
         recording: The recording.
         machine: Its machine.

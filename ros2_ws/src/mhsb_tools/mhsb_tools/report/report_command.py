@@ -110,6 +110,11 @@ def report(
         moves: Also draw a page for each move: path, joints, modes, operating regions, pressures,
             energy.
         json_: Print the summary as one JSON object instead of text.
+
+    Raises:
+        BagError: The recording cannot be used.
+        TableError: The posture table cannot be used.
+        MhsbError: The machine file cannot be used, or `output` is not a folder.
     """
     command_line.set_interrupt_note(f"{output} has no new {SUMMARY_FILE}, but may have new figures")
     content = write_report(bag, output, load_machine(machine), table, namespace, moves=moves)
@@ -184,7 +189,7 @@ def _text(value: Any) -> str:
 
     Returns:
         One line. Floats have four significant digits, None is a dash. Elements of lists and
-        dictionaries are separated by commas; those of dictionaries have their key before the value.
+        dictionaries are separated by commas. In a dictionary, each value has its key before it.
     """
     match value:
         case None:

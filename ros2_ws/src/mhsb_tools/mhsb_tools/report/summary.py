@@ -182,8 +182,8 @@ def _tip_errors(tip: TipMotion, goals: Iterable[RecordedGoal]) -> Summary:
     Returns:
         Three entries [mm]; each is None without data:
 
-        - tip_error_rms_mm, tip_error_max_mm: root mean square and maximum of the distance between
-          measured tip and reference, from the first to the last motion of the reference
+        - tip_error_rms_mm, tip_error_max_mm: RMS and maximum of the distance between measured tip
+          and reference, from the first to the last motion of the reference
         - tip_error_rest_max_mm: largest distance of the resting tip from a goal that it reached
     """
     error = PER_MM * tip.error[tip.moving]
@@ -258,7 +258,7 @@ def _pressures(run: EvaluatedRecording) -> Summary:
           actuators and times
         - relief_mpa: a dictionary with the relief pressure of the supply lines (`line`) and the
           lowest relief pressure of all chambers (`chamber`)
-        - relief_exceeded: whether a pressure was above that of its own relief valve
+        - relief_exceeded: whether a pressure was above the opening pressure of its relief valve
 
         All but `relief_mpa` are None if no hydraulic states were recorded.
     """
@@ -310,7 +310,7 @@ def _cavitation(run: EvaluatedRecording) -> list[Summary]:
 
 
 def compute_speed_excess(run: EvaluatedRecording) -> float | None:
-    """Compute by which share the fastest piston exceeded V_max.
+    """Compute the share by which the fastest piston exceeded V_max.
 
         excess = max(|v| / V_max) − 1,  v = ΔL(q) / Δt
 

@@ -163,7 +163,8 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
 
     The upper axes show the distance from the reference [mm]. A dashed line is its root mean square,
     from the first to the last motion of the reference. The lower axes show the distance from the
-    goal of the plan in force [mm], on a logarithmic scale, and the distance that counts as reached.
+    goal of the plan in force [mm], on a logarithmic scale. A line marks the distance that counts as
+    reached.
 
     Args:
         run: The evaluated recording.
@@ -204,7 +205,7 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
 def compute_goal_distance(run: EvaluatedRecording) -> tuple[IntArray, FloatArray]:
     """Compute the distance of the measured tip from its goal at each time.
 
-    At each time, the goal is that of the plan in force. Times before the first plan took over are
+    At each time, the goal of the plan in force counts. Times before the first plan took over are
     left out.
 
     Args:
@@ -351,8 +352,8 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
     """Draw measured and planned energy and power over time, and write the figure.
 
     The upper panel stacks the measured energies of main pump and servo pumps [J] since the first
-    report of the simulator. Two lines show the planned energy in the readings `paper` and `series`,
-    two ways to price boosted oil. The lower panel shows the mean power between consecutive reports
+    report of the simulator. Two lines show the planned energy, with boosted oil priced as `paper`
+    and as `series`. The lower panel shows the mean power between consecutive reports
     [W]; it is empty if there are fewer than two.
 
     Args:
@@ -397,7 +398,7 @@ def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: lis
     The powers of main pump and servo pumps are stacked. Each planned energy gives a line.
 
     Args:
-        axes: Axes to draw on. Neither axis labels nor labels for a legend are set.
+        axes: Axes to draw on. Axis labels, and labels for a legend, are not set.
         time: Time of each report, shape (k,) [s], k ≥ 2.
         measured: Energy delivered up to each report, by the main pump (row 0) and by all pumps (row
             1), shape (2, k) [J].

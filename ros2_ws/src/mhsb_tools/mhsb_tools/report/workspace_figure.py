@@ -55,10 +55,9 @@ def _draw_arm(run: EvaluatedRecording, axes: Axes) -> None:
 def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
     """Draw the measured path of the tip in the arm's plane, in the colours of the modes.
 
-    The colour at each point is that of the strongest mode that any actuator has at that time. The
-    order of strength is N (main pump alone), DB (own servo pump), SB (shared rail). Points
-    that are closer than about PATH_STEP along the path are skipped. Each mode has a label for the
-    legend.
+    Each point has the colour of the strongest mode that any actuator has at that time. The order of
+    strength is N (main pump alone), DB (own servo pump), SB (shared rail). Points that are closer
+    than about PATH_STEP along the path are skipped. Each mode has a label for the legend.
 
     Args:
         run: The evaluated recording.

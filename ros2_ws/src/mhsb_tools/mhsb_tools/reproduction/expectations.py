@@ -244,13 +244,13 @@ def has_larger_polytope(run: str, other: str) -> Condition:
 
 
 def repeats_shapes(detours: Mapping[str, bool]) -> Condition:
-    """Return the condition that each run is a detour with the arm folded exactly as in the paper.
+    """Return the condition that the same runs as in the paper are detours with the arm folded.
 
     Args:
         detours: Whether the paper's path is such a detour, by the name of the run.
 
     Returns:
-        The condition. Its value is the share of runs of the paper's kind; it must be 1.
+        The condition. Its value is the share of runs that agree with the paper; it must be 1.
     """
     return lambda runs: at_least(
         "share of runs as published",
@@ -322,17 +322,26 @@ def _over_weights(runs: Runs, measure: Measure) -> np.ndarray:
 
 
 def _never_rises(name: str, values: np.ndarray) -> BoundCheck:
-    """Require that no value is larger than the value in the previous row of its column."""
+    """Return the condition that no value is larger than the one in the previous row of its column.
+
+    Args:
+        name: Name of the condition.
+        values: Positive values, shape (rows, columns).
+
+    Returns:
+        The condition. Its value is the largest rise from a row to the next, as a share of the
+        former; 0 if no value rises.
+    """
     rise = float(np.max(np.diff(values, axis=0) / values[:-1], initial=0.0))
     return at_most(name, rise, 1e-9, TREND_SHARE)
 
 
 def _trend(name: str, values: np.ndarray, sign: float) -> BoundCheck:
-    """Require that a mean grows, or falls, by at least `TREND_SHARE` over a sweep of a parameter.
+    """Return the condition that a mean grows or falls by at least `TREND_SHARE` over a sweep.
 
     Args:
         name: Name of the condition.
-        values: Values with a row for each value of the parameter.
+        values: Values with a row for each value of the parameter that is swept.
         sign: 1 requires that the mean grows from the first row to the last, −1 that it falls.
 
     Returns:
@@ -624,11 +633,11 @@ def collect_path_values(runs: Runs, name: str) -> dict[str, float]:
     Returns:
         Values by name, with units at the ends of the names; empty if the run has no path:
 
-        - energy_discrete_j, energy_series_discrete_j: energy by two prices of
-            boosted oil, the readings `paper` and `series`
+        - energy_discrete_j, energy_series_discrete_j: energy, with boosted oil priced as `paper`
+            and as `series`
         - duration_discrete_s, length_m: duration, and length of the tip's path
         - lower_bound_j: lower bound on the energy
-        - length_over_shortest: length divided by that of the shortest path on the grid
+        - length_over_shortest: length divided by the length of the shortest path on the grid
         - normal_share: share of time with all actuators in mode N (fed by the main pump)
         - switches: number of mode switches
     """

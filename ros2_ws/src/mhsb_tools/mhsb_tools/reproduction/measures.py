@@ -67,18 +67,18 @@ def _share(path: DiscretePath, steps: np.ndarray, begin: float, end: float) -> f
 
 
 def path_ratio(path: DiscretePath, spacing: float) -> float:
-    """Return the path length of the tip divided by that of the shortest grid path between its ends.
+    """Return the length of the tip's path divided by the length of the shortest grid path.
 
-    The shortest grid path has only straight and diagonal moves. Its length counts as at least
-    `spacing`.
+    The shortest grid path joins the same ends by straight and diagonal moves. Its length counts as
+    at least `spacing`.
 
     Args:
         path: The path; the tip's path is the polygon through its waypoints.
         spacing: Spacing of the grid [m].
 
     Returns:
-        The ratio. It is 1 for a shortest path on the grid, a little less for a path off the grid,
-        and 0 for a path without steps.
+        The ratio. It is 1 for a shortest path on the grid, and 0 for a path without steps. A path
+        off the grid may have a little less than 1.
     """
     across, along = sorted(np.abs(path.tip[-1] - path.tip[0]))
     shortest = along - across + math.sqrt(2.0) * across

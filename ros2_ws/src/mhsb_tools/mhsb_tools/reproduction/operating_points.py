@@ -51,8 +51,8 @@ def find_points(runs: Runs) -> dict[str, BestPoint]:
 
     The cases are moves of the paper. V_max is the piston speed for planning. The best value is the
     one with which the motion costs least, by the weights of the case. Each search is made with the
-    planners `table` and `integrated`. Its range is that of the paper's sweep, from first to last
-    value.
+    planners `table` and `integrated`. Its range goes from the first to the last value of the
+    paper's sweep.
 
     Args:
         runs: All runs of the machine; only its machine and posture table are used.
@@ -97,12 +97,12 @@ def draw_points(fits: FittedRuns, points: Mapping[str, BestPoint], place: Path) 
     """Draw energy over supply pressure (Case 1-1) and cost over V_max (Case 1-2).
 
     V_max is the piston speed for planning. All examined points are drawn. The left panel also has
-    the published energies and those of the same runs here. Writes a PNG, and a CSV file with a row
-    for each examined point.
+    the published energies and this suite's energies of the same runs. Writes a PNG, and a CSV file
+    with a row for each examined point.
 
     Args:
-        fits: Trajectories that were made for some of the runs; those of the sweep over supply
-            pressure are drawn.
+        fits: Trajectories that were made for some of the runs. The energies of the sweep over
+            supply pressure are drawn.
         points: Best operating points by name.
         place: Path of the files without suffix; its folder must exist.
     """

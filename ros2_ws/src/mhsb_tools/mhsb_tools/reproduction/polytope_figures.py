@@ -44,8 +44,8 @@ RUN_COLORS = (BLUE, ORANGE, VERMILION)
 def draw_velocity_polytope(runs: Runs, place: Path) -> None:
     """Draw the joint velocities and tip velocities that piston speed limits allow (Figure 3).
 
-    They are for the start of Case 1-1 and the mode combination SHOWN_PATTERN. The posture is that
-    of the posture table at the grid node nearest to the start. Writes a PNG and two CSV files:
+    They are for the start of Case 1-1 and the mode combination SHOWN_PATTERN. The posture table
+    gives the posture, at the grid node nearest to the start. Writes a PNG and two CSV files:
     corners of the body of joint velocities [rad/s], and vertices of the polygon of tip velocities
     [m/s].
 

@@ -189,8 +189,8 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
         - Figure 10: Case 1-1 with other weights w₁ of energy and w₂ of time, and w₃ = 0
         - the sweep over V_max (piston speed for planning), which changes Case 1-2
         - the sweep over the weight w₃ of mode switches, which changes Case 1-2
-        - the sweep over supply pressure, which changes Case 1-1: for each pressure a run with the
-            posture table rebuilt for it, then a run with the table of the machine's own pressure
+        - the sweep over supply pressure, which changes Case 1-1: for each pressure a run with a
+            posture table built for it, then a run with the table of the machine's own pressure
 
         The run of Figure 10 in which all weights are 0 uses the published search algorithm. All
         other runs use the exact search.
@@ -265,8 +265,8 @@ def evaluate(
     """Search a discrete path for each setting.
 
     Posture tables are built first: one for the machine's own supply pressure, and one for each
-    other pressure for which a setting needs its own table. The result does not depend on `jobs`. A
-    run for which no path is found is a result, not an error.
+    other pressure that a setting has (`Setting.table_pressure`). The result does not depend on
+    `jobs`. A run for which no path is found is a result, not an error.
 
     Args:
         machine: The arm.
@@ -284,6 +284,8 @@ def evaluate(
     Raises:
         MachineFileError: A supply pressure or V_max (piston speed for planning) of a setting is
             beyond what the machine may have.
+        EmptyTableError: No node of a posture table has a posture.
+        RequestError: The number of threads is below 1.
         ClusterError: The cluster failed.
     """
     asked = settings() if asked is None else asked
@@ -381,9 +383,9 @@ class _Evaluator:
 def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
     """Return the step graph (all steps of the graph search, priced) for a setting.
 
-    If the setting changes neither supply pressure nor V_max (piston speed for planning), it is
-    `own` itself. If it changes one of them but keeps the posture table, it is a copy of `own` with
-    new prices. With another posture table, a new graph is built.
+    `own` itself is returned if the setting keeps supply pressure and V_max (piston speed for
+    planning). If the setting changes one of them but keeps the posture table, the result is a copy
+    of `own` with new prices. With another posture table, a new graph is built.
 
     Args:
         own: Step graph of the machine without changes.
@@ -392,6 +394,9 @@ def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
 
     Returns:
         The step graph for the changed machine.
+
+    Raises:
+        MachineFileError: The setting's supply pressure or V_max is not allowed for the machine.
     """
     if setting.supply_pressure is None and setting.v_max is None:
         return own
@@ -406,8 +411,8 @@ def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
 def _run(graph: StepGraph, setting: Setting) -> Run:
     """Search the path of one setting with the planner of its case.
 
-    The arm starts at rest, with all actuators in mode N (fed by the main pump). The start posture
-    is that of the posture table; for the planner `fixed` it is that of the case.
+    The arm starts at rest, with all actuators in mode N (fed by the main pump). The posture table
+    gives the start posture; for the planner `fixed`, the case gives it.
 
     Args:
         graph: Step graph of the setting's machine.

@@ -46,8 +46,9 @@ SHOWN_MEASURES = (
 def draw_weights(runs: Runs, place: Path) -> None:
     """Draw maps of energy, time and path length over the weights w₁ and w₂ (Figure 10).
 
-    w₁ is the weight of energy [1/J], w₂ that of time [1/s]. The cell of a run without a path has no
-    colour and the text `nan`. Writes a PNG, and a CSV file with a row for each pair of weights.
+    w₁ is the weight of energy [1/J], w₂ the weight of time [1/s]. The cell of a run without a path
+    has no colour and the text `nan`. Writes a PNG, and a CSV file with a row for each pair of
+    weights.
 
     Args:
         runs: All runs of the machine.
@@ -135,7 +136,7 @@ class Tradeoff(NamedTuple):
 def compute_tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
     """Compute energy and polytope area of the runs of Case 4.
 
-    The area is that of the velocity polytope (tip velocities that the pistons' speed limits allow).
+    The velocity polytope is the set of tip velocities that the pistons' speed limits allow.
 
     Args:
         runs: All runs of the machine.
@@ -200,13 +201,13 @@ def _draw(found: list[Tradeoff], axes: Axes, of_motion: bool) -> None:
     """Draw the velocity polytope's mean area over energy for all runs in one panel.
 
     The integrated planner's runs are joined by a line and labelled with their weight w₄ of the
-    area. So that labels do not overlap, a run has a label only if its energy is more than
-    `LABELS_APART` above that of the last labelled run.
+    area. A run has a label only if its energy is more than `LABELS_APART` above the energy of the
+    last labelled run; labels would overlap otherwise.
 
     Args:
         found: Energy and area of each run.
         axes: Axes to draw on: energy [J] as x, area [m²/s²] as y. Labels of the axes are not set.
-        of_motion: True draws the values of the motions, False those of the discrete paths.
+        of_motion: True draws the values of the motions, False the values of the discrete paths.
     """
     at = {
         each.run: (each.energy, each.area)

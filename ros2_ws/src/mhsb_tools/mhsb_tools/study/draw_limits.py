@@ -160,9 +160,9 @@ def as_text(records: Sequence[DrawRecord]) -> list[str]:
 
     Returns:
         Lines without line breaks. Each controller has a line of column titles, then a line for each
-        count, quantile or share: name, number of runs, value and limit, with "not held" if the
-        value is beyond its limit. At the end is a line for each draw that failed, had refused
-        goals, or was ended because the guard (reference governor) held the plan too long.
+        count, quantile or share. It has name, number of runs, value and limit, and "not held" if
+        the value is beyond its limit. At the end is a line for each draw that failed or had refused
+        goals. Draws in which the guard (reference governor) held the plan too long have one, too.
     """
     lines = []
     for name, own in group_by_controller(records).items():

@@ -53,9 +53,9 @@ class PayloadEstimate:
 def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None:
     """Return the servo's payload estimate after a certain amount of motion.
 
-    The first `LIFTING_JOINT_COUNT` joints count, and the motion of their reference. Two conditions
-    must hold: for `LEARNING_TIME` in all, at least one of them was moving; and a single one has
-    moved for `EACH_WAY_TIME` in each direction. The first estimate after that moment is returned.
+    Only the motion of the reference of the first `LIFTING_JOINT_COUNT` joints counts. At least one
+    of them must have been moving for `LEARNING_TIME` in all. A single one must have moved for
+    `EACH_WAY_TIME` in each direction. The first estimate after that moment is returned.
 
     Args:
         plant: The simulated machine; it has the true payload, which must not be 0.
@@ -78,10 +78,10 @@ def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None
 
 
 def find_row_moved_both_ways(velocity: FloatArray, step: float) -> int | None:
-    """Find the first row by which joints have moved long enough, in both directions.
+    """Find the first row at which joints have moved long enough, in both directions.
 
-    Two conditions must hold for the time up to and including the row. For `LEARNING_TIME` in all,
-    at least one joint was moving. A single joint has moved for `EACH_WAY_TIME` in each direction.
+    The time up to and including the row counts. At least one joint must have been moving for
+    `LEARNING_TIME` in all. A single joint must have moved for `EACH_WAY_TIME` in each direction.
 
     Args:
         velocity: Joint velocities [rad/s or m/s], shape (k, joints).

@@ -180,6 +180,7 @@ class DrawStudy:
                 machine's sensors.
 
         Raises:
+            EmptyTableError: No node of the posture table has a posture.
             HoldingError: Holding the start posture needs more booster modules than the machine has.
         """
         self._machine = machine
@@ -215,8 +216,9 @@ class DrawStudy:
             draw: Number of the draw. The study's seed and this number determine the result.
 
         Returns:
-            Plans for the machine that planner and servo know; the plant to simulate; and what was
-            drawn (factor, value, time or choice), by name of the variation.
+            Three values: plans for the machine that planner and servo know, the plant to simulate,
+            and a dictionary. It has the drawn factor, value, time or choice of each variation, by
+            its name.
 
         Raises:
             MhsbError: The variations do not fit the plant.

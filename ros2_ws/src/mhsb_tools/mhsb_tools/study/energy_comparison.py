@@ -99,9 +99,9 @@ def as_text(elements: list[EnergyPart]) -> list[str]:
         elements: Planned and simulated energy of each part; the first must be `delivered`.
 
     Returns:
-        Two title lines, then a line for each part: name, planned energy [J], simulated energy [J],
-        simulated minus planned [J], and this difference as a share of the planned `delivered`
-        energy [%].
+        Two title lines, then a line for each part. It has name, planned energy [J], simulated
+        energy [J] and simulated minus planned [J]. Last comes this difference as a share of the
+        planned `delivered` energy [%], or nothing if that energy is 0.
     """
     delivered = elements[0].planned
     lines = [

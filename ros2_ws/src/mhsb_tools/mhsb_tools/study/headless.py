@@ -252,6 +252,8 @@ class HeadlessRun:
     def _hand_over(self, command: Command) -> float:
         """Give a plan to the simulated arm, and simulate until the plan takes over.
 
+        No signals are sampled during that time. Afterwards the plan is the motion in force.
+
         Args:
             command: Trajectory and mode schedule of the plan; it takes over at its stamp.
 

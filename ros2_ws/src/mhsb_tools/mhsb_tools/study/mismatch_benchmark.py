@@ -137,8 +137,12 @@ class BenchmarkStudy(DrawStudy):
             draw: Number of the draw. It determines the sequence, since the sequences take turns.
 
         Returns:
-            Plans for the machine that planner and servo know; the plant to simulate; and what was
-            drawn (factor, value, time or choice), by name of the variation.
+            Three values: plans for the machine that planner and servo know, the plant to simulate,
+            and a dictionary. It has the drawn factor, value, time or choice of each variation, by
+            its name.
+
+        Raises:
+            MhsbError: The variations do not fit the machine.
         """
         sequence = self._plan_sequence(draw % len(self._sequences))
         random = np.random.default_rng((self._seed, draw))
@@ -175,6 +179,10 @@ def run_benchmark(
     Yields:
         The records of all controllers for each sequence of goals on the exact machine, with True
         before them, and for each draw, with False. They come as they are ready, in any order.
+
+    Raises:
+        RequestError: The number of processes is below 1.
+        ClusterError: The cluster does not answer.
     """
     sequences = len(protocol.file.sequences)
     runs = [(True, number) for number in range(sequences)]

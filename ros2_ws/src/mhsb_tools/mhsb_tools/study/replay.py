@@ -102,11 +102,10 @@ class Replay:
 def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -> Replay:
     """Simulate an arm to which plans are given that are known in advance.
 
-    Each plan is given at its stamp. If the guard (reference governor) slows a plan, later stamps
-    are delayed by the same time: stamps and `duration` count in plan time, which is simulated time
-    minus all these delays. The run ends at the first of these: plan time reaches `duration`,
-    simulated time reaches `MAX_DURATION_FACTOR` times `duration`, or the guard has held a plan for
-    longer than supervision allows.
+    Each plan is given at its stamp. Stamps and `duration` count in plan time: simulated time minus
+    all delays by the guard (reference governor), which may slow a plan. The run ends when plan time
+    reaches `duration`. It ends earlier if simulated time reaches `MAX_DURATION_FACTOR` times
+    `duration`, or if the guard has held a plan for longer than supervision allows.
 
     Args:
         simulator: The simulated arm, at rest at its start; advanced in place.

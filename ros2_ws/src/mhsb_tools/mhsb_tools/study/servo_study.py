@@ -153,6 +153,7 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
 
     Raises:
         MachineFileError: The scenario's payload or pump lag is not allowed for the machine.
+        EmptyTableError: No node of the posture table has a posture.
         HoldingError: Holding the start posture needs more booster modules than the machine has.
     """
     loaded = scenario.apply_to(machine)
@@ -194,7 +195,11 @@ def plan_goals(
         options: Options of the plans.
 
     Returns:
-        The plans, and each refused goal with the reason.
+        The plans, and each refused goal with the reason. A goal at which the arm is already has no
+        plan and is not refused.
+
+    Raises:
+        HoldingError: Holding the start posture needs more booster modules than the machine has.
     """
     commands: list[Command] = []
     refused: list[tuple[Position, MhsbError]] = []
@@ -370,11 +375,12 @@ def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
             values), `of_mean` (ratio of the means) and `worst_scenario` (highest ratio in one
             scenario). Scenarios without overshoot of the independent controller have no ratio; all
             three are None if there are no others
-        - energy_ratio: largest energy ratio, coordinated / independent, of the scenarios in which
-            both have a tip error RMS of at most 5 mm; None if there is none
+        - energy_ratio: largest energy ratio, coordinated / independent; only scenarios with a tip
+            error RMS of at most 5 mm of both count; None if there is none
         - energy_ratio_scenarios: number of these scenarios
-        - planned_ratio: energy of the coordinated controller, planned (reading `series`: servo pump
-            in series with the main pump) / simulated: `least` and `largest`
+        - planned_ratio: energy of the coordinated controller, planned / simulated: `least` and
+            `largest`; planned energies price boosted oil as `series` (servo pump in series with
+            the main pump)
         - energy_elements_j: its planned and simulated energy, part by part, summed over all
             scenarios
         - relief_opened: number of scenarios in which a relief valve opened, by controller
@@ -448,8 +454,8 @@ def as_text(results: Sequence[ScenarioResult], comparison: dict[str, Any]) -> li
     Returns:
         Lines without line breaks. First a table with a line for each scenario: RMS and largest tip
         error [mm], supply overshoot [MPa] and energy [J] of both controllers. Then planned and
-        simulated energies of the coordinated controller part by part, the other numbers of the
-        comparison as JSON, and a line for each refused goal.
+        simulated energies of the coordinated controller, part by part. At the end are the other
+        numbers of the comparison as JSON, and a line for each refused goal.
     """
     lines = [
         f"{'':30s} {'coordinated':^32s}   {'independent':^32s}",

@@ -119,7 +119,10 @@ def study(
 
     Raises:
         UsageError: `jobs` is below 1, or an option has no effect in this kind of study. The
-            benchmark uses only `draws`, for example, so that it does not take `seed`.
+            benchmark uses only `draws`, for example, so that it does not take `seed`. Or scenarios
+            are to be run, and the compared controllers do not suit the machine's sensors.
+        MhsbError: A file, the output folder or the cluster cannot be used, or a name or motion of
+            the study does not suit the machine.
     """
     asked = _kind(kind, draws)
     _check_options_have_effect(asked, kind, draws)
@@ -202,7 +205,9 @@ def _check_options_have_effect(asked: str, kind: KindArguments, draws: DrawArgum
 
 
 def _prepare_processes(machine: Machine, output: Path) -> None:
-    """Create the output folder, and what the processes of a study load from the cache.
+    """Create the output folder, compile all kernels, and build the posture table if needed.
+
+    The processes of the study then load kernels and table from the cache.
 
     Args:
         machine: The machine whose posture table is built if it is not cached.

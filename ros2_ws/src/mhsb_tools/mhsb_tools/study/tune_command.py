@@ -80,6 +80,9 @@ def tune_servo(
     Raises:
         UsageError: A file of variations has no effect, or no controller for this machine has gains
             to tune.
+        TuningError: The machine file has no section for the gains of a controller, or there are
+            neither training scenarios nor draws.
+        MhsbError: A file or the cluster cannot be used.
     """
     if training.draws == 0 and training.variations is not None:
         raise command_line.UsageError(

@@ -340,7 +340,7 @@ def _compute_costs(
 
 
 def check_gain_sections(file: Path) -> None:
-    """Check that a machine file has a section for each controller that is tuned.
+    """Check that a machine file has a section for each controller in GAIN_RANGES.
 
     Args:
         file: The machine file.

@@ -138,8 +138,8 @@ def draw_machine(
             start [s]. The function is called for variations of kind `moment`.
 
     Returns:
-        The varied machine, and what was drawn by name of the variation: a factor, a value, a time
-        [s] or a choice.
+        The varied machine, and a dictionary with the drawn factor, value, time [s] or choice by
+        name of the variation.
 
     Raises:
         MhsbError: The machine does not have one of the values, a value is outside its range, or a
@@ -176,8 +176,8 @@ def scale_values(machine: Machine, factors: Mapping[str, float], variations: Var
 
     Args:
         machine: The machine.
-        factors: Factor by name. The name is that of a variation, such as `payload`, or the path of
-            a value in the machine file, such as `circuit.bulk_modulus`.
+        factors: Factor by name. A name may be a variation, such as `payload`, or the path of a
+            value in the machine file, such as `circuit.bulk_modulus`.
         variations: Variations by name. Only their keys (the values that each one stands for) are
             used, not their ranges.
 

@@ -21,9 +21,9 @@ UNMOVABLE_REGION = MODE_COUNT
 def find_needed_mode(machine: Machine, posture: FloatArray) -> int:
     """Return the weakest mode in which every cylinder can move both ways under its static load.
 
-    For each joint, this is the mode with the lowest code (N 0, DB 1, SB 2) whose highest speed is
-    above 0 in both directions. The planner's flow limits give these speeds. The highest code over
-    all joints is the result.
+    A mode lets a cylinder move if the planner's flow limits allow a speed above 0 in both
+    directions. Each joint needs the mode with the lowest code (N 0, DB 1, SB 2) that does so. The
+    highest code over all joints is the result.
 
     Args:
         machine: The planar arm (without the slewing joint).

@@ -125,8 +125,8 @@ def describe_energies(energies: FloatArray) -> str:
     """Describe in one sentence where the energy of the pumps went.
 
     Args:
-        energies: Four energies [J], nan if unknown: delivered by the main pump, delivered by the
-            servo pumps, carried by the oil to the inlets of the servo valves, work of the pistons.
+        energies: Four energies [J], nan if unknown, in the order of ITEM_NAMES: of main pump, servo
+            pumps, oil at the inlets of the servo valves, and work of the pistons.
 
     Returns:
         The sentence, with Markdown emphasis. If an energy is unknown, it says that the pumps have

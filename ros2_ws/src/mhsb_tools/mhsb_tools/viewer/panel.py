@@ -215,7 +215,7 @@ class Panel:
         self._payload.value = values["payload"]
 
     def add_sentence(self, sentence: str) -> None:
-        """Add a sentence to the list on the page, unless it equals the previous sentence.
+        """Add a sentence to the list on the page if it differs from the previous sentence.
 
         Args:
             sentence: The sentence. Only the last MAX_SENTENCES sentences are kept.

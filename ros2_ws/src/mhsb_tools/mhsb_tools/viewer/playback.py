@@ -114,8 +114,8 @@ class Playback:
         """Show the recorded state at one instant.
 
         It consists of arm, velocity polytope, plan in force, all verdicts and execution reports up
-        to then, and plots. The plots are updated only if the instant differs by at least
-        PLOT_PERIOD from that of the last update.
+        to then, and plots. The plots are updated only if `at` differs by at least PLOT_PERIOD from
+        their last update.
 
         Args:
             at: Time since the recording's first joint state [s].
@@ -215,7 +215,7 @@ def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArra
 
     Returns:
         ROS times of the hydraulic states, int64 (k,) [ns], and energies up to these times, shape
-        (k, 2) [J]: of the oil at the valve inlets (column 0) and of the pistons (column 1). The
+        (k, 2) [J]. Column 0 is for the oil at the valve inlets, column 1 for the pistons. The
         energies are 0 at the simulator's first report, so negative before. If hydraulic states or
         reports are missing, there is one row with time 0 and nan.
     """

@@ -45,11 +45,14 @@ class LocalServer(ViserServer):
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Start the server, which checks what pages send to its controls before it is used.
+        """Start the server; it checks what pages send to its controls before it uses that.
 
         Args:
             host: Address to listen at, such as `127.0.0.1`.
-            port: Port; 0 takes any free one.
+            port: Port; 0 takes any free one. If it is in use, viser takes another one.
+
+        Raises:
+            OSError: The server cannot listen at the address.
         """
         super().__init__(host=host, port=port, label="MHSB", verbose=False)
         self.on_refusal: Callable[[str], None] = lambda sentence: None

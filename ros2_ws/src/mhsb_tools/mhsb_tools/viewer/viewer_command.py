@@ -32,7 +32,12 @@ def viewer(
         host: Address to listen at; 0.0.0.0 lets everybody in the network move the arm.
 
     Returns:
-        The exit code.
+        The exit code 0, once a signal ends the process.
+
+    Raises:
+        BagError: The recording cannot be used.
+        MhsbError: The machine file or the address cannot be used, the port is in use, or ROS cannot
+            make a node.
     """
     arm = load_machine(machine)
     recording = read_recording(bag, slews=arm.slews) if bag else None

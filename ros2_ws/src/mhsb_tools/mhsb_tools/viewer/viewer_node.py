@@ -401,8 +401,8 @@ class ViewerNode(GoalSender):
     def _decode_newest(self, data: bytes) -> tuple[ArmSnapshot, float]:
         """Decode joint states, and combine them with the last known modes, pressures and energies.
 
-        The pressures are those of the newest actuator states, however old these are. If none have
-        come since a browser was opened, the pressures are nan. The running sums of the energies
+        The newest actuator states give the pressures, however old they are. If none have come since
+        a browser was opened, the pressures are nan. The running sums of the energies
         grow by the time since the previous call's actuator states, times the mean of both powers.
 
         Args:
