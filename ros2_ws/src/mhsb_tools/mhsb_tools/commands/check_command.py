@@ -250,9 +250,9 @@ def _curve_and_compensator_lines(machine: Machine) -> list[str]:
         machine: The arm.
 
     Returns:
-        A line on the commands for a tenth, a half and nine tenths of the full flow, dead bands
-        included, if a curve is declared. A line on the compensators if there are any. It has the
-        piston speed of each actuator with a fully open valve.
+        For each direction with a declared curve, a line on the commands for a tenth, a half and
+        nine tenths of the full flow, dead band included. A line on the compensators if there are
+        any. It has the piston speed of each actuator with a fully open valve.
     """
     real, valve, lines = machine.config.imperfections, machine.config.hydraulics.valve, []
     for curve, overlap, direction in zip(

@@ -304,8 +304,9 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
     """Draw for each actuator the mode that each speed and force needs, and the move itself.
 
     The areas have the colour of the weakest mode (N < DB < SB) that allows a piston speed at a
-    force; white is impossible. The move is a line that has the colours of its modes. The figure
-    gets a legend below the panels.
+    force; white is impossible. The move is a line that has the colours of its modes. The axis of
+    forces shows 0 and all forces of the move, with a margin of at least 400 N. The axis of speeds
+    shows twice V_max, or more if the move is faster. The figure gets a legend below the panels.
 
     Args:
         move: The move.
@@ -373,8 +374,9 @@ def _range_with_margin(values: FloatArray, least: float) -> tuple[float, float]:
 def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
     """Draw the pressures of each actuator [MPa] over time.
 
-    They are the pressure in the supply line and those in `move.chambers`. Times in a boosted mode
-    have a background in the colour of the mode. A dashed line marks the main pump's pressure P_S.
+    They are the pressure in the supply line and the first three of `move.chambers`. Times in a
+    boosted mode have a background in the colour of the mode. A dashed line marks the main pump's
+    pressure P_S. The first panel has the legend, for which all panels have room at the top.
 
     Args:
         move: The move.

@@ -203,8 +203,8 @@ def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, An
     itself are skipped.
 
     Args:
-        rows: Obstacle table with the columns of `obstacles.zones`. A shape may have several rows,
-            one for each link that must keep out of it.
+        rows: Obstacle table with the columns of `obstacles.zones`, without zones in space. A shape
+            may have several rows, one for each link that must keep out of it.
         tip: Value in the column `LINK_COLUMN` if only the tip must keep out.
         axes: Axes to draw on.
         looks: Matplotlib patch properties for obstacles of the whole arm, and for those of the tip

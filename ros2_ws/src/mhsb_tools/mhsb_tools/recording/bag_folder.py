@@ -56,8 +56,8 @@ def find_data_files(path: Path) -> BagFolder:
         path: Folder of the recording.
 
     Returns:
-        The files. Its `problem` says whether the metadata are missing or damaged, a listed file is
-        missing, or a file is not listed.
+        The files. Its `problem` says whether listed files are missing, the metadata are missing or
+        damaged, or a file is not listed. If several of these are true, it says the first.
 
     Raises:
         BagError: The folder cannot be read, has no data file, has files of several recordings, or
@@ -153,7 +153,8 @@ def _read_metadata(path: Path) -> tuple[dict[str, int], int]:
 
     Returns:
         Number of messages by name of the data file, in the listed order; 0 if the metadata do not
-        state it. Then the number of messages of the whole recording.
+        state it. Folders in the listed paths are dropped. Then the number of messages of the whole
+        recording.
 
     Raises:
         MetadataError: The file is missing, or its content is not metadata of a recording.

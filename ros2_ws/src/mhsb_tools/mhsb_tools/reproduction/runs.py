@@ -412,7 +412,8 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
     """Search the path of one setting with the planner of its case.
 
     The arm starts at rest, with all actuators in mode N (fed by the main pump). The posture table
-    gives the start posture; for the planner `fixed`, the case gives it.
+    gives the start posture; for the planner `fixed`, the case gives it. This planner keeps joint 3
+    at the case's angle or, if the case has none, at its start.
 
     Args:
         graph: Step graph of the setting's machine.

@@ -102,7 +102,8 @@ class Replay:
 def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -> Replay:
     """Simulate an arm to which plans are given that are known in advance.
 
-    Each plan is given at its stamp. Stamps and `duration` count in plan time: simulated time minus
+    Each plan is given at its stamp. The servo's payload estimate is read every `ESTIMATED_EVERY`
+    steps. Stamps and `duration` count in plan time: simulated time minus
     all delays by the guard (reference governor), which may slow a plan. The run ends when plan time
     reaches `duration`. It ends earlier if simulated time reaches `MAX_DURATION_FACTOR` times
     `duration`, or if the guard has held a plan for longer than supervision allows.

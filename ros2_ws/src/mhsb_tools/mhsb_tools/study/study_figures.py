@@ -70,10 +70,11 @@ def draw_overview(results: Sequence[ScenarioResult], path: Path) -> None:
     There is a panel each for tip error RMS [mm], supply overshoot [MPa] and energy of all pumps
     [J]. A panel has a row for each scenario and a point for each controller. A mark shows the
     planned energy, with boosted oil priced as `series` (servo pump in series with the main pump).
-    A dotted line marks a tip error of LARGEST_WANTED_ERROR.
+    A dotted line marks a tip error of LARGEST_WANTED_ERROR. Tip errors below LEAST_ERROR are drawn
+    there.
 
     Args:
-        results: Result of each scenario.
+        results: Result of each scenario, with both controllers of CONTROLLER_COLORS.
         path: PNG file to write.
     """
     names = [
