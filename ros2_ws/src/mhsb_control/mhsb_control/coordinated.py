@@ -250,8 +250,9 @@ def run_coordinated_step(
     8. the gains of the position and force loops, which a long estimated delay or lag lowers.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `axes`, `valve_lag` of `gains`,
-            and the commands of `actuators` and `modules` in place.
+        s: Signals, circuit, axes and estimates of the servo. Writes `axes`, `valve_lag` and
+            `reaction_time` of `gains`, `command_times`, and the commands of `actuators` and
+            `modules` in place.
         v: Estimates of the valves, updated in place.
         lags: Estimate of the valves' lag, updated in place.
         p: State of the pumps, updated in place.

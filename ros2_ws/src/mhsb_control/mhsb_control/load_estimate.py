@@ -126,7 +126,7 @@ def build_load_estimate(
     Args:
         payload: Payload of the machine file [kg].
         supply_torque: Largest torque of each cylinder at the main pump's pressure, float64[n], [N
-            m].
+            m]. It scales the assumed noise of measured torques.
         is_estimated: Whether the load is to be estimated. If not, the covariance is 0, so that the
             initial values stay.
         settings: Tuned numbers.

@@ -35,6 +35,8 @@ class _ServoWithoutOtherSections(Servo):
 def build_schema(controllers: Mapping[str, type[Controller]]) -> type[MachineConfig]:
     """Build the schema of a machine file with an optional section of gains for each controller.
 
+    Sections and keys in `servo` that nothing declares are refused.
+
     Args:
         controllers: Controller classes by name. The name is also that of the controller's section
             in `servo`.

@@ -92,7 +92,8 @@ def create_dispatcher(
     """Create the numba dispatcher of a function, which compiles the function at its first call.
 
     A compiled version belongs to one combination of argument types. Versions are cached in a
-    subfolder for this function alone, if the cache folder can be written. Versions release the
+    subfolder for this function alone, if the cache folder can be written. Unless `is_inner`, the
+    cache has their machine code without bitcode (`store_machine_code_alone`). Versions release the
     interpreter lock while they run. Divisions by 0 give inf or nan as in NumPy.
 
     Args:
