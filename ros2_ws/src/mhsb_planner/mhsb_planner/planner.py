@@ -200,9 +200,8 @@ class Planner:
             FitError: No motion along any path keeps the limits.
             DeadlineError: No motion was found before the deadline.
             RequestError: Start or deadline has a wrong type. Goal, start or a via point has a wrong
-                number of values. It is also raised if goal or start is not finite, if the goal
-                region is larger than the workspace, or if the planner does not exist or cannot use
-                `area_weight`.
+                number of values. Goal or start is not finite, or the goal region is larger than the
+                workspace. The planner does not exist or cannot use `area_weight`.
         """
         options = options or PlanOptions()
         planner = get_planner(options.planner)
@@ -340,8 +339,8 @@ class Planner:
 
         Raises:
             RequestError: Start or deadline has a wrong type. Goal, start or a via point has a wrong
-                number of values. It is also raised if goal or start is not finite, if the goal
-                region is larger than the workspace, or if the planner cannot use `area_weight`.
+                number of values. Goal or start is not finite, or the goal region is larger than the
+                workspace. The planner cannot use `area_weight`.
         """
         if not isinstance(start, MotionState):
             rule = "must be a MotionState; at rest: MotionState.at_rest(start)"

@@ -604,8 +604,8 @@ def _sweep_with_stride(
     A sweep tries to move each waypoint by the stride and keeps each move that makes the path
     cheaper. Sweeps price the path coarsely, in pieces in which no cylinder moves by more than
     `piece`. After each sweep, the problem's own cost model gives the real cost of the path. The
-    sweeps end if the real cost exceeds the best real cost so far, or if a sweep lowers the coarse
-    cost by less than the share MIN_RELATIVE_GAIN.
+    sweeps end if the real cost exceeds the best real cost so far. They also end if a sweep lowers
+    the coarse cost by less than the share MIN_RELATIVE_GAIN.
 
     Args:
         problem: The search problem: start, goal postures, cost model, effort limits and deadline.

@@ -1,10 +1,10 @@
 """Steps that an A* search has found but not priced yet, in buckets by a lower bound on cost.
 
-If a search priced each step as soon as it is found, most prices would be useless: a cheaper way to
-the same point turns up first, or the path over the step costs more than the best path to the goal.
-A deferred step is priced only when the search is about to expand a state whose estimate is as high.
-By then a cheaper way to the step's target may be known. Deferring does not change the path that the
-search finds.
+If a search priced each step as soon as it is found, most prices would be useless. Often a cheaper
+way to the same point turns up first, or the path over the step costs more than the best path to the
+goal. A deferred step is priced only when the search is about to expand a state whose estimate is as
+high. By then a cheaper way to the step's target may be known. Deferring does not change the path
+that the search finds.
 
 Source:
     B. Cohen, M. Phillips, M. Likhachev, Planning Single-arm Manipulations with n-Arm Robots, RSS

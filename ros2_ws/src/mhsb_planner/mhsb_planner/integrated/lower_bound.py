@@ -316,10 +316,10 @@ def bound_cost_to_goals(
 ) -> float:
     """Compute a lower bound on the cost of every plan from a start to the goal, in any modes.
 
-    The bound, by branch and bound, is at most BOUND_TOLERANCE (relative) below the minimum over all
-    admissible tip positions and all their postures, sampled or not. It is lower if `most_cells` is
-    used up, or cells become narrower than MIN_CELL_WIDTH. Mode switches and the manipulability loss
-    do not count.
+    The bound is found by branch and bound. It is at most BOUND_TOLERANCE (relative) below the
+    minimum over all admissible tip positions and all their postures, sampled or not. It is lower if
+    `most_cells` is used up, or cells become narrower than MIN_CELL_WIDTH. Mode switches and the
+    manipulability loss do not count.
 
     Args:
         machine: The arm without a slewing joint.

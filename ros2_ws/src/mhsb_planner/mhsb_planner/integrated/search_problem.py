@@ -308,8 +308,8 @@ def bound_goal_costs(
 ) -> FloatArray:
     """Compute a lower bound on the cost of a path from the start to rest in each goal posture.
 
-    The bound is `least_move_cost` plus the cost of the mode switches from the modes at the start to
-    the modes that hold the arm in the goal posture.
+    The bound is `least_move_cost` plus the cost of switching from the modes at the start to modes
+    that hold the arm in the goal posture.
 
     Tested against holding modes in plain Python.
 

@@ -18,9 +18,8 @@ def compute_planned_supply(
 ) -> FloatArray:
     """Compute the planned supply pressure in each actuator's line at k instants.
 
-    This is the main pump's pressure in mode N, the pressure of the actuator's own servo pump in
-    mode DB, and the pressure of the shared rail in mode SB. The rail has the highest pressure that
-    an actuator in SB needs.
+    In mode N this is the main pump's pressure, in DB that of the actuator's own servo pump, and in
+    SB that of the shared rail. The rail has the highest pressure that an actuator in SB needs.
 
     Args:
         machine: Machine with its hydraulics.

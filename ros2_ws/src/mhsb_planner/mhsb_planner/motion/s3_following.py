@@ -283,8 +283,8 @@ def _iterate_slower_motions(
     If the arm moves at the start, the path begins before the pistons are at rest in the first
     motions:
 
-    1. One motion whose path begins with a ramp as long as the pistons' ramp to rest, so that a
-       piston that keeps its speed does not slow down in between.
+    1. One motion whose path begins with a ramp as long as the pistons' ramp to rest. So a piston
+       that keeps its speed does not slow down in between.
     2. One motion for each factor of RAMP_DURATION_FACTORS on the ramps.
     3. Two motions whose path begins a little later.
 

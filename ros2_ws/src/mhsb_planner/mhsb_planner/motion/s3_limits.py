@@ -210,9 +210,9 @@ def _measure_ends(
 
     Returns:
         Three arrays. The first two have the quantities at the beginnings and at the ends of the
-        intervals, shape (limits, k), in the order of `STATE_LIMITS` and in the limits' units. The
-        third, shape (k,), has the largest share of a speed limit (`TimeScaling.SPEED`) that each
-        interval uses [-]. Above 1, the interval is too fast.
+        intervals, in the limits' units. Their shape is (limits, k), in the order of `STATE_LIMITS`.
+        The third, shape (k,), has the largest share of a speed limit (`TimeScaling.SPEED`) that
+        each interval uses [-]. Above 1, the interval is too fast.
     """
     begin, end = np.empty((_LIMIT_COUNT, len(modes))), np.empty((_LIMIT_COUNT, len(modes)))
     scratch = np.empty(speed.shape[1])

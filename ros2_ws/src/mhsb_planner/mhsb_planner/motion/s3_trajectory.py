@@ -531,7 +531,7 @@ def _schedule_curve(
 
     The curve is refused if it takes too long, its ramps break the limits of acceleration and jerk,
     or it passes a joint limit. It is also refused if it moves a piston farther than needed, misses
-    a via point, or would switch an actuator a second time too soon after the first.
+    a via point, or switches an actuator again too soon.
 
     Args:
         machine: Machine whose joint limits and workspace are widened to include the start.

@@ -103,10 +103,11 @@ class LifecycleState:
     def admit(self, pending_goal: PendingGoal) -> bool:
         """Let a new goal wait for planning, or refuse it at once.
 
-        The goal is refused if the arm reports a fault or another machine file, if the goal is out
-        of reach, if its options do not fit, or if it was sent before the last stop (`void_goals`).
-        Otherwise it is added to `stream`. An older goal that waits ends as superseded. If the arm
-        still executes an earlier plan for the older goal, this goal only ceases to wait.
+        The goal is refused if the arm reports a fault or another machine file, or if the goal is
+        out of reach. It is also refused if its options do not fit, or if it was sent before the
+        last stop (`void_goals`). Otherwise it is added to `stream`. An older goal that waits ends
+        as superseded. If the arm still executes an earlier plan for the older goal, this goal only
+        ceases to wait.
 
         Args:
             pending_goal: The new goal.

@@ -95,10 +95,10 @@ class PlanRequest:
     def _find_via_points_ahead(self) -> tuple[Position, ...]:
         """Find the via points that the new plan still has to pass.
 
-        These are all via points of the settings in two cases: the new plan starts from rest, or no
-        earlier plan with the same settings is in force. Otherwise they are the via points of the
-        earlier plan that the tip has not passed when the new plan takes over. So the tip passes
-        each via point once between two rests, even if new goals come during the motion.
+        These are all via points of the settings if the new plan starts from rest, or if no earlier
+        plan with the same settings is in force. Otherwise they are the via points of the earlier
+        plan that the tip has not passed when the new plan takes over. So the tip passes each via
+        point once between two rests, even if new goals come during the motion.
 
         Returns:
             Via points in `base_link`, each (x, z) or (x, y, z) [m].

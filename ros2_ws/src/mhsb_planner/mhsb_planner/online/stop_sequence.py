@@ -1,8 +1,8 @@
 """Stop of the arm: braking commands for this planner's plan, calls of the arm's own ~/stop.
 
-A stop is finished when the arm is measured at rest, or when the arm has confirmed a braking command
-and the time at which it will rest is known. The time of plans is the arm's clock minus the delay
-that speed scaling has caused.
+A stop is finished when the arm is measured at rest. It is also finished when the arm has confirmed
+a braking command and the time at which it will rest is known. The time of plans is the arm's clock
+minus the delay that speed scaling has caused.
 """
 
 import math
@@ -138,8 +138,8 @@ class StopSequence:
     def brake_for(self, obstacle: str) -> None:
         """Brake for an obstacle that lies ahead on the motion in force.
 
-        A new braking command is made even if the arm has already confirmed a braking command of
-        this stop, because that command did not consider the obstacle.
+        A new braking command is made even if the arm has already confirmed one of this stop,
+        because that one did not consider the obstacle.
 
         Args:
             obstacle: Name of the obstacle.

@@ -20,11 +20,11 @@ def paths_through_via_points(
 
     The departure is the posture at rest where the path begins. A leg leads to the next via point,
     the last leg to the goal. Each leg is planned without regard to the next. There are two rounds.
-    In the first round, each leg to a via point is the first path that the source finds, and in the
-    second round the cheapest path. Each path that the source finds for the last leg is joined to
-    these legs. Each whole path is yielded twice: without and with rests at the via points. There is
-    no version with rests if no via point lies between its steps. Without rests, the tip may miss
-    the via points, because ramps cut the corners.
+    In the first round, each leg to a via point is the first path that the source finds. In the
+    second round, it is the cheapest path. Each path that the source finds for the last leg is
+    joined to these legs. Each whole path is yielded twice: without and with rests at the via
+    points. There is no version with rests if no via point lies between its steps. Without rests,
+    the tip may miss the via points, because ramps cut the corners.
 
     Args:
         source: Source of the paths of each leg.

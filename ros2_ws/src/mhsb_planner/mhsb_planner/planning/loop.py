@@ -499,8 +499,8 @@ class PlanningLoop:
             rules: Rules for the fit.
 
         Returns:
-            The motion. None if no motion keeps the limits (`_refused` has the first such error), or
-            if the share of the time is over (`_cut_short` then has the error).
+            The motion. None if no motion keeps the limits; `_refused` then has the first such
+            error. Also None if the share of the time is over; `_cut_short` then has the error.
 
         Raises:
             DeadlineError: The deadline of the plan passed.

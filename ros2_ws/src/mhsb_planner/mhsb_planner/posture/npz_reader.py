@@ -2,7 +2,7 @@
 
 NumPy's own reader evaluates the header of an array as Python code and allocates as much memory as
 its shape demands. The reader of this module accepts only headers in the exact form that NumPy
-writes, and creates an array only if the file contains all its bytes.
+writes. It creates an array only if the file contains all its bytes.
 
 Source: numpy.lib.format, versions 1.0 to 3.0.
 """

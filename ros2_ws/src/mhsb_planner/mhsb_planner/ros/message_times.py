@@ -17,9 +17,8 @@ def find_message_times(
 
     If the middleware gives no time of receipt, or a time in the future, the message counts as
     received now. A receipt more than `MAX_TRANSPORT_TIME` ago counts as `MAX_TRANSPORT_TIME` ago.
-    The time of receipt is also taken as the time of sending in three cases: the middleware gives no
-    time of sending, this time is more than `MAX_TRANSPORT_TIME` ago, or it is later than the
-    receipt.
+    In three cases the message counts as sent when it was received: the middleware gives no time of
+    sending, or this time is more than `MAX_TRANSPORT_TIME` ago or later than the receipt.
 
     Args:
         info: rclpy's information on the message. `source_timestamp` and `received_timestamp` are

@@ -283,9 +283,9 @@ class RosOutbox:
     def is_arm_connected(self) -> bool:
         """Return whether the arm would receive both messages of a plan.
 
-        A message is lost if its publisher is not connected to the arm's subscription yet. Since a
-        killed arm still counts as a subscriber for a while, each of the two topics needs at least
-        as many subscribers as `reference` has publishers, and at least one.
+        A message is lost if its publisher is not connected to the arm's subscription yet. A killed
+        arm still counts as a subscriber for a while. So each of the two topics needs at least as
+        many subscribers as `reference` has publishers, and at least one.
 
         Returns:
             True if both topics have enough subscribers.

@@ -9,7 +9,7 @@ Oil costs at least P_S per volume, and leakage flows for the whole motion:
 P_S [Pa] is the main pump's pressure and Q_MP [m³/s] its flow. A_dir [m²] is the piston area that
 fills, and q_leak [m³/s] the leakage of one of the n valves at P_S.
 
-Both bounds hold for each step at the costs of `s2_step`, in which boosted oil never costs less than
+Both bounds hold for each step at the costs of `s2_step`: there boosted oil never costs less than
 P_S, and no valve leaks less than at P_S. Hence w₁ E_lb + w₂ T_lb is a consistent heuristic for the
 search.
 """

@@ -100,7 +100,7 @@ def compute_step_area_loss(
 ) -> None:
     """Compute the cost of the manipulability loss of one step in all mode combinations.
 
-    The area A_p in mode combination p is evaluated at the middle of the step in joint space, and
+    The area A_p in mode combination p is evaluated at the middle of the step in joint space. It
     applies to the straight distance between the tip positions at both ends. With the weight w₄ and
     the reference area A_ref:
 

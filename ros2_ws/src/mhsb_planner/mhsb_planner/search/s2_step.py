@@ -470,10 +470,10 @@ def _describe_stroke(
         forces: Piston forces at start, middle and end, positive if they resist extension [N].
         buffers: `move[k, j]` (columns STROKE_COLUMN to LEAKAGE_COLUMN) is written in place. Bit j
             of `must_boost[k]` is set if the joint needs boost even at the lowest speed. Bit j of
-            `may_boost[k]` is set if it needs boost at V_max. Bits are never cleared. No bit is set,
-            and the worst pressure is −inf, if no force resists the move, or if the stroke is at
-            most MAX_HELD_STROKE (the closed valve holds the joint). Such a short stroke also has no
-            additional leakage.
+            `may_boost[k]` is set if it needs boost at V_max. Bits are never cleared. In two cases
+            no bit is set, and the worst pressure is −inf: no force resists the move, or the stroke
+            is at most MAX_HELD_STROKE. Over so short a stroke, the closed valve holds the joint.
+            Such a short stroke also has no additional leakage.
         k: Number of the move.
     """
     move, stroke = buffers.move[k, j], abs(delta)
@@ -570,9 +570,9 @@ def _compute_duration(
 ) -> tuple[float, float]:
     """Compute a move's duration in one mode combination, and the additional leakage at the rail.
 
-    The duration is the longest of several times: the time of each piston's stroke at its largest
-    speed, and the time in which the main pump delivers the oil of all pistons and the leakage of
-    all valves.
+    The duration is the longest of several times. Each piston needs time for its stroke at its
+    largest speed. The main pump needs time for the oil of all pistons and the leakage of all
+    valves.
 
     Args:
         c: Hydraulic coefficients of the machine.

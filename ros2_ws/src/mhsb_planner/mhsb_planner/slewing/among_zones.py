@@ -112,9 +112,9 @@ def find_quickest_turning(
 ) -> SlewMotion | None:
     """Find the quickest slew motion along a planar path on which the arm keeps clear of zones.
 
-    The path is cut into stretches and the slew's stroke into equal parts. In each step either the
-    slew turns alone by one part, or the arm follows one stretch while the slew turns by some parts
-    or rests. Dynamic programming finds the quickest motion of this kind.
+    The path is cut into stretches and the slew's stroke into equal parts. In each step the slew
+    turns alone by one part, or the arm follows one stretch while the slew turns by 0 or more parts.
+    Dynamic programming finds the quickest motion of this kind.
 
     Args:
         machine: Whole arm, which slews.

@@ -93,9 +93,9 @@ class Limit:
 class StateLimit(Limit):
     """Limit on a quantity that follows from the state of a motion at one instant.
 
-    An interval between two points is proven to keep the limit in two cases: the quantity is below
-    `clear_below` at both ends, or its upper bound by a parabola is below `proven_below`. All other
-    intervals are checked at close instants.
+    An interval between two points is proven to keep the limit if the quantity is below
+    `clear_below` at both ends. It is also proven if an upper bound of the quantity, from a
+    parabola, is below `proven_below`. All other intervals are checked at close instants.
 
     Attributes:
         measure: Kernel with the arguments machine arrays and `LimitInputs` that returns the
