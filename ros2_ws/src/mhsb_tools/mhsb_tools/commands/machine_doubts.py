@@ -103,9 +103,10 @@ def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list
 
 
 def _list_distant_pins(config: MachineConfig) -> list[str]:
-    """List the pins that are much farther from their joint than both links there are long.
+    """List the pins that are too far from their joint to be plausible.
 
-    The links are the joint's own and the previous one. The base has no length.
+    The limit is LARGEST_PIN_RATIO times the length of the longer of two links: the joint's own and
+    the previous one. The base has no length.
 
     Args:
         config: Machine file.

@@ -82,11 +82,11 @@ def plan(
 ) -> None:
     """Plan a motion from rest and print it: duration, energy, modes over time, tip and joints.
 
-    Give --start and --goal, or --case for a case of the paper. The start posture is that of the
-    posture table in normal mode. With the planner `fixed`, it has the initial angle of joint 3 if
-    one is given. Arms that slew have positions X Y Z, others X Z. Energies are in J, lengths in m,
-    angles in rad, times in s. With --supply-pressure-range or --v-max-range, the motion is planned
-    at many pressures or speeds, and the cheapest plan is printed.
+    Give --start and --goal, or --case for a case of the paper. The posture table gives the start
+    posture, for normal mode. With the planner `fixed` and an initial angle of joint 3, the start
+    posture has this angle. Arms that slew have positions X Y Z, others X Z. Energies are in J,
+    lengths in m, angles in rad, times in s. With --supply-pressure-range or --v-max-range, the
+    motion is planned at many pressures or speeds, and the cheapest plan is printed.
 
     Args:
         move: Start, goal and points between them.
@@ -177,9 +177,9 @@ def _make_timed_plan(
             range.
 
     Returns:
-        The plan. The operating point (supply pressure and V_max) of least cost, with all points
-        that were examined; None if there is no range. The times of the stages, and under the key
-        `total` the time of all [s].
+        Three values. The first is the plan. The second is the operating point (supply pressure and
+        V_max) of least cost, with all points that were examined; None if there is no range. The
+        third has the times of the stages [s], and under the key `total` the time of all.
 
     Raises:
         MhsbError: No plan was found, or an end of a range is not allowed for the machine.

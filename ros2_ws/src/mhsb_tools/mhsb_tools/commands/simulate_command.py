@@ -437,7 +437,8 @@ def summarize(
         `_goal_numbers` returns it. All other keys are for the whole run:
 
         - simulated_s: simulated time; real_time_factor: simulated time divided by `seconds`
-        - tip_error_rms_mm, tip_error_max_mm: distance of the tip from its reference
+        - tip_error_rms_mm, tip_error_max_mm: RMS and maximum of the tip's distance from its
+            reference
         - reference_jump_max_rad: largest jump of the reference when a new plan took over
         - max_supply_pressure_mpa, max_chamber_pressure_mpa
         - mode_switches, guard_interventions: counts

@@ -240,7 +240,7 @@ class _Pricing:
         return np.asarray(self.weights.energy * energy + self.weights.time * time)
 
     def load_pressure(self, force: FloatArray, extends: np.ndarray) -> FloatArray:
-        """Compute the load pressure p_L, the supply pressure that a load needs, of piston forces F.
+        """Compute the load pressure p_L, which is the supply pressure that piston forces F need.
 
             p_L = (F + a p_T) / A    extending
             p_L = (-F + A p_T) / a   retracting
@@ -511,8 +511,9 @@ class _Lattice:
     ) -> None:
         """Lay out the lattice around the start.
 
-        The spacing is increased by 10 % again and again until the number of points is within the
-        limits MOST_LOOKED_AT and MOST_POINTS.
+        The first spacing is LATTICE_SPACING times the arm's size relative to the paper's arm, but
+        at most 1/MIN_STEPS of the longest stroke to a goal posture. It is increased by 10 % again
+        and again until the number of points is within MOST_LOOKED_AT and MOST_POINTS.
 
         Args:
             pricing: Step costs of the machine.

@@ -313,28 +313,23 @@ def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, An
         arm is at all goals already.
     """
     planner, goals = Planner(machine, load_or_build_table(machine)), list(goals)
-    found: dict[str, dict[str, Any]] = {}
+    tours: dict[str, list[Supplied]] = {}
     failures: dict[str, str] = {}
     for kind in PLANNER_KINDS:
         try:
-            tour = _plan_tour(planner, goals, PlanOptions(planner=kind))
+            tours[kind] = _plan_tour(planner, goals, PlanOptions(planner=kind))
         except MhsbError as error:
             failures[kind] = str(error)
-            continue
-        found[kind] = sum_supply_energies(machine, [{kind: motion} for motion in tour])
-    energies = {
-        kind: {
-            name: entry["leaking"]["hydraulic_j"]
-            for name, entry in total.get("systems", {}).items()
-            if "leaking" in entry
-        }
-        for kind, total in found.items()
-    }
-    own = energies.get(DEFAULT_PLANNER, {})
+    own = tours.get(DEFAULT_PLANNER, [])
+    pressure = max((each.needed_pa for each in own), default=0.0)
+    taken = (_energy_at_pressure(machine, each, pressure, "leaking").hydraulic_j for each in own)
     return {
-        "planned_j": {kind: each.get(PLANNED_SYSTEM, 0.0) for kind, each in energies.items()},
-        "constant_pressure_j": own.get(ONE_PRESSURE),
-        "constant_pressure_pa": found.get(DEFAULT_PLANNER, {}).get("one_pressure_pa"),
+        "planned_j": {
+            kind: sum((each.leaking[PLANNED_SYSTEM].hydraulic_j for each in tour), 0.0)
+            for kind, tour in tours.items()
+        },
+        "constant_pressure_j": sum(taken) if own else None,
+        "constant_pressure_pa": pressure if own else None,
         "failures": failures,
     }
 

@@ -307,7 +307,8 @@ class _Search:
             stride: Stride in P_S [Pa] and V_max [m/s].
 
         Yields:
-            Points (P_S, V_max) that differ from `point`. By the clipping, several may be equal.
+            Points (P_S, V_max) that differ from `point`. Several of them may be equal because they
+            are clipped.
         """
         pressure, v_max = self._ranges
         for i, k in _around((0, 0)):

@@ -6,6 +6,7 @@ that is killed loses only the last chunk. What is left then has no index and no 
 """
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
@@ -42,7 +43,7 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
         self._counts: dict[str, int] = {}
         self._start_ns: int | None = None
         self._end_ns = 0
-        try:
+        with self._failures_explained():
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
                 raise BagError(f"{folder} is not empty; remove it or name another folder")
@@ -51,8 +52,6 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
                 self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.NONE
             )
             self._writer.start(profile=bag_format.MCAP_PROFILE, library="mhsb")
-        except OSError as error:
-            raise self._cannot_write(error) from error
 
     def __exit__(self, kind: type[BaseException] | None, *other: object) -> None:
         """Complete the recording; after a BagError, only close the file.
@@ -112,7 +111,7 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
         Raises:
             BagError: The file cannot be written.
         """
-        try:
+        with self._failures_explained():
             self._writer.add_message(
                 self._channels[topic_name],
                 log_time=log_ns,
@@ -120,8 +119,6 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
                 publish_time=publish_ns,
                 sequence=self._counts[topic_name],
             )
-        except OSError as error:
-            raise self._cannot_write(error) from error
         self._counts[topic_name] += 1
         self._start_ns = log_ns if self._start_ns is None else min(self._start_ns, log_ns)
         self._end_ns = max(self._end_ns, log_ns)
@@ -134,10 +131,8 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
         Raises:
             BagError: The file cannot be written.
         """
-        try:
+        with self._failures_explained():
             self._file.flush()
-        except OSError as error:
-            raise self._cannot_write(error) from error
 
     def close(self) -> None:
         """Complete the recording and close its file.
@@ -152,7 +147,7 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
             return
         counts = tuple((topic, self._counts[topic.name]) for topic in self._topics)
         files = {self.path.name: BagContents(self._start_ns or 0, self._end_ns, counts)}
-        try:
+        with self._failures_explained():
             self._writer.add_metadata(
                 "rosbag2",
                 {"serialized_metadata": bag_format.format_metadata(files)},
@@ -160,9 +155,11 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
             self._writer.finish()
             self._file.close()
             bag_format.write_metadata(self.folder, files)
-        except OSError as error:
-            raise self._cannot_write(error) from error
 
-    def _cannot_write(self, error: OSError) -> BagError:
-        """Return the error that reports a failed write to the user."""
-        return BagError(f"cannot write the recording {self.folder}: {error.strerror}")
+    @contextlib.contextmanager
+    def _failures_explained(self) -> Iterator[None]:
+        """Context manager that raises BagError, which names the folder, in place of OSError."""
+        try:
+            yield
+        except OSError as error:
+            raise BagError(f"cannot write the recording {self.folder}: {error.strerror}") from error

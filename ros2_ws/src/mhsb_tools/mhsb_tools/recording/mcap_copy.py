@@ -240,8 +240,8 @@ class McapCopy:
 
         1. If the chunk has schemas or channels, or if its key is listed, it is from the main
            recording.
-        2. If no chunk of the main recording was added before, it is from the other recording. If
-           there are no listed keys, it is from the main recording.
+        2. If no chunk of the main recording was added before, the listed keys decide. If there are
+           any, the chunk is from the other recording, else from the main recording.
         3. The chunk is from the recording whose last chunk ended closest in time to the first log
            time of this chunk.
 

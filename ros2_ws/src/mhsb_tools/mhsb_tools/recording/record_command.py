@@ -104,10 +104,10 @@ class Recorder(Node):
             self._bag.write(name, data, received_ns, info["source_timestamp"])
 
         def matched(info: Any) -> None:
-            """Note that a publisher of the topic is connected, and print "ready" when all are.
+            """Note that a publisher of the topic is connected, and print "ready" if all are there.
 
-            "All" are the publishers of READY_WHEN: one topic of the simulator, one of the planner.
-            The line is printed once, unless the recorder is silent.
+            All are there if each topic of READY_WHEN (one of the simulator, one of the planner) has
+            been connected. The line is printed once; a silent recorder does not print it.
 
             Args:
                 info: Status of the matched event of rclpy, with `current_count` publishers.

@@ -517,7 +517,7 @@ class _RecordedClock:
 def check_order(recording: Recording) -> None:
     """Check that the ROS time of joint states and of hydraulic states never decreases.
 
-    The number decreases if the simulator was started again during the recording.
+    It decreases if the simulator was started again during the recording.
 
     Args:
         recording: The recording; its tables are in the order of log time.

@@ -173,9 +173,9 @@ def find_unrecorded_goals(recording: Recording) -> tuple[TimedValue, ...]:
 
     Returns:
         The goals, as their verdicts state them, in the order of the verdicts. A goal has the times
-        of its verdict, moved back to its stamp if the stamp can be the time of sending. It can be
-        if the verdict came 0 to LONGEST_ANSWER_NS after it, by the system clock or, if not, in ROS
-        time.
+        of its verdict, moved back to its stamp if the stamp can be the time of sending. That is
+        so if the verdict came 0 to LONGEST_ANSWER_NS after the stamp, by the system clock or, if
+        not, in ROS time.
     """
     recorded = {each.value.stamp_ns for each in recording.goals}
     found = []
@@ -211,7 +211,7 @@ def judge_goals(
     The first rule that fits decides:
 
     1. Refused: the verdict finds fault with the goal itself. The rule is skipped if `all_feasible`.
-    2. Stopped: the execution report's outcome is STOPPED. Without a report, the verdict is STOPPED.
+    2. Stopped: the execution report's outcome is STOPPED or, without a report, the verdict is.
     3. Lost: the goal's plan came into force and ended `settling_time` or more before the next goal
        that was not refused, or before the recording's end. Yet no execution report says that the
        goal was reached.
@@ -299,8 +299,8 @@ def _was_stopped(verdict: GoalVerdict | None, execution: ExecutionReport | None)
             missing.
 
     Returns:
-        True if this is the report's outcome, or without a report the verdict's code. False if both
-        are None.
+        True if the report's outcome is STOPPED. Without a report, true if the verdict's code is
+        STOPPED. False if both are None.
     """
     if execution is not None:
         return execution.outcome is Outcome.STOPPED

@@ -27,7 +27,8 @@ def cut_into_moves(run: EvaluatedRecording) -> list[MoveRecord]:
         run: The evaluated recording.
 
     Returns:
-        The moves in the order of execution.
+        The moves in the order of execution. A title has the goal's number (from 1, also counting
+        goals whose move is left out), its position and its outcome, or "under way" without one.
     """
     goals = [goal for goal in run.goals if goal.taken_over_ns is not None]
     if not goals:
@@ -40,7 +41,10 @@ def cut_into_moves(run: EvaluatedRecording) -> list[MoveRecord]:
             run, goal.taken_over_ns or 0, _find_end_of_move(run, goal, end_ns)
         )
         if len(time_ns) > 1:
-            moves.append(_move(run, number, goal, time_ns))
+            sent = goal.verdict.goal
+            fate = goal.outcome.value if goal.outcome else "under way"
+            title = f"Goal {number}: {sent.position_text}, as recorded, {fate}"
+            moves.append(_make_move(run, title, (sent.position,), time_ns))
     return moves
 
 
@@ -74,9 +78,9 @@ def _find_end_of_move(run: EvaluatedRecording, goal: RecordedGoal, end_ns: int) 
             references end.
 
     Returns:
-        ROS time [ns], at most `end_ns`. It is REST_NS after the last joint reference with a speed
-        above REST_SPEED, between the time the goal's plan took over and `end_ns`. If there is no
-        such reference, it is REST_NS after the plan took over.
+        ROS time [ns], at most `end_ns`. The references between the take-over of the goal's plan and
+        `end_ns` count. The move ends REST_NS after the last of them in which a joint is faster than
+        REST_SPEED. If there is none, it ends REST_NS after the take-over.
     """
     since_ns = goal.taken_over_ns or 0
     time_ns = run.reference.stamp_ns + run.reference.offset_ns
@@ -100,27 +104,6 @@ def _find_hydraulic_times(run: EvaluatedRecording, begin_ns: int, end_ns: int) -
     time_ns = run.recording.actuators.time_ns
     low, high = max(begin_ns, run.reference.stamp_ns), min(end_ns, run.reference.end_ns)
     return time_ns[(time_ns >= low) & (time_ns <= high)]
-
-
-def _move(
-    run: EvaluatedRecording, number: int, goal: RecordedGoal, time_ns: IntArray
-) -> MoveRecord:
-    """Collect the recorded data of the move to one goal.
-
-    Args:
-        run: The evaluated recording.
-        number: Number of the goal, from 1, for the title.
-        goal: The goal. Its position and its outcome are in the title, "under way" if there is no
-            outcome.
-        time_ns: ROS times of the hydraulic states in the move, int64 (k,) [ns].
-
-    Returns:
-        The move.
-    """
-    sent = goal.verdict.goal
-    fate = goal.outcome.value if goal.outcome else "under way"
-    title = f"Goal {number}: {sent.position_text}, as recorded, {fate}"
-    return _make_move(run, title, (sent.position,), time_ns)
 
 
 def _make_move(

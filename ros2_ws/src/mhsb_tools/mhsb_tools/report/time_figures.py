@@ -283,7 +283,7 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
     """Draw each actuator's chamber and supply pressures [MPa] over time, and write the figure.
 
     There is a panel for each actuator. A dashed line marks the main pump's pressure P_S. Further
-    lines mark the relief pressures of the pump line and of the chambers; if one is beyond the axis,
+    lines mark the relief pressures of supply line and chambers; if one is beyond the axis,
     the panel's title names it. Coloured bands mark times in a boosted mode, vertical lines the
     times at which plans took over.
 

@@ -227,7 +227,7 @@ def is_detour(run: str) -> tuple[Condition, Condition]:
 
 
 def has_larger_polytope(run: str, other: str) -> Condition:
-    """Return the condition that the mean polytope area over a run's steps exceeds another's."""
+    """Return the condition that a run's mean polytope area over its steps exceeds another run's."""
 
     def mean_area(runs: Runs, name: str) -> float:
         """Return the mean area of the velocity polytope over the steps of a run [m²/s²]."""
@@ -273,8 +273,8 @@ def repeats_shapes(detours: Mapping[str, bool]) -> Condition:
 def slightly_outwards(runs: Runs) -> BoundCheck:
     """Judge how far the tip of Case 2-2 goes beyond the x of both ends.
 
-    The bound is r − x₀, where x₀ is the tip's x at the start and r its distance from the base there
-    [m].
+    The upper bound is r − x₀, where x₀ is the tip's x at the start and r its distance from the base
+    there [m].
     """
     own = require_path(runs, "2-2")
     arc = float(np.hypot(*own.tip[0]) - own.tip[0, 0])

@@ -226,7 +226,10 @@ class HeadlessRun:
         return GoalRun(goal, replan, distance, jump, overdue)
 
     def _plan(self, goal: Goal) -> Replan | None:
-        """Make a plan to a goal that continues the motion in force.
+        """Plan how the motion in force continues to a goal.
+
+        If the last plan has ended, the delay by speed scaling is first set to 0
+        (`Simulator.catch_up`).
 
         Args:
             goal: The goal.

@@ -177,7 +177,8 @@ def draw_fault(result: FaultResult, path: Path) -> None:
     """Draw tip error, joint speeds and chamber pressures over the time since a fault, as PNG.
 
     The three panels have mm, rad/s and MPa. `SHOWN_TIME` after the fault is drawn. A dotted line
-    marks the time at which the fault was detected, a dashed line that at which the valves closed.
+    marks the time at which the fault was detected, a dashed line the time at which the valves
+    closed.
 
     Args:
         result: Measured numbers and signals of the fault.

@@ -123,8 +123,8 @@ class Training:
             costs: Cost of each of `runs`, shape (runs,).
 
         Returns:
-            Mean over the scenarios plus the 90 % quantile over the draws. Without scenarios, or
-            without draws, that term is 0.
+            Mean over the scenarios plus the 90 % quantile over the draws. The mean is 0 without
+            scenarios, the quantile 0 without draws.
         """
         scenarios, draws = np.split(costs, [len(self.scenarios)])
         mean = float(scenarios.mean()) if len(scenarios) else 0.0

@@ -104,7 +104,8 @@ def validate_variations(machine: Machine, content: Any, source: str) -> Variatio
         Variations by name.
 
     Raises:
-        VariationError: The content is invalid; all problems are listed, with `source`.
+        VariationError: The content is invalid; all problems are listed, with `source`. Or a value
+            with a factor is no number.
         MhsbError: The machine does not have one of the values, or a value is outside its range.
     """
     if not isinstance(content, dict) or not content:

@@ -43,8 +43,8 @@ def _box_of(machine: Machine, j: int) -> tuple[float, float, float]:
         j: Index of the joint that moves the link, from 0.
 
     Returns:
-        Length, width across the arm's plane, and height [m]. The length of a telescope is that at
-        full extension. Width and height are chosen for the picture, in proportion to the arm's
+        Length, width across the arm's plane, and height [m]. A telescope gets its length at full
+        extension. Width and height are chosen for the picture, in proportion to the arm's
         size.
     """
     a, size = machine.arrays, machine.relative_size

@@ -45,7 +45,7 @@ class LocalServer(ViserServer):
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Start the server; it checks what pages send to its controls before it uses that.
+        """Start the server, with a check of the input that pages send to its controls.
 
         Args:
             host: Address to listen at, such as `127.0.0.1`.

@@ -402,8 +402,9 @@ class ViewerNode(GoalSender):
         """Decode joint states, and combine them with the last known modes, pressures and energies.
 
         The newest actuator states give the pressures, however old they are. If none have come since
-        a browser was opened, the pressures are nan. The running sums of the energies
-        grow by the time since the previous call's actuator states, times the mean of both powers.
+        a browser was opened, the pressures are nan. The energies grow by the mean
+        power of the previous and the newest actuator states, times the time between them
+        (`EnergyCounter.add_sample`).
 
         Args:
             data: One serialized message of joint states.
