@@ -89,7 +89,7 @@ class Faults:
         """Log and count a fault, and stop the arm if a watched callback fails repeatedly.
 
         The arm is stopped after IN_A_ROW_TO_STOP failures of this callback in a row. Faults of one
-        kind (callback, exception type and place in the code) are logged once in LOG_PERIOD.
+        kind (callback, exception type and place in the code) are logged at most once in LOG_PERIOD.
 
         Args:
             place: Name of the callback that failed, as `name_callback` gives it.

@@ -31,8 +31,9 @@ def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list
 
     These are doubtful:
 
-    - a relief pressure below the main pump's pressure, or (of lines) below the highest boost;
-    - a servo pump power that is too low for full flow at the highest boost;
+    - a relief pressure below the main pump's pressure;
+    - with booster modules: a relief pressure of lines below the highest boost, or a servo pump
+      power that is too low for full flow at the highest boost;
     - a workspace without a posture, or without a point at which the payload is held;
     - a main pump's flow above LARGEST_FLOW_RATIO times what all cylinders take at V_max;
     - a pin that is far from its joint, and a V_max that an actuator cannot reach;

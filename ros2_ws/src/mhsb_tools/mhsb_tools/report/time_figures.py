@@ -163,8 +163,8 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
 
     The upper axes show the distance from the reference [mm]. A dashed line is its root mean square,
     from the first to the last motion of the reference. The lower axes show the distance from the
-    goal of the plan in force [mm], on a logarithmic scale. A line marks the distance that counts as
-    reached; distances below LEAST_DISTANCE are drawn there.
+    goal of the plan in force [mm], on a logarithmic scale. Distances below LEAST_DISTANCE are drawn
+    at LEAST_DISTANCE. A line marks the distance that counts as reached.
 
     Args:
         run: The evaluated recording.

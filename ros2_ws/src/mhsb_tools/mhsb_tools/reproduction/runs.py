@@ -413,7 +413,7 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
 
     The arm starts at rest, with all actuators in mode N (fed by the main pump). The posture table
     gives the start posture; for the planner `fixed`, the case gives it. This planner keeps joint 3
-    at the case's angle or, if the case has none, at its start.
+    at the case's angle or, if the case has none, at its angle in the start posture.
 
     Args:
         graph: Step graph of the setting's machine.

@@ -71,7 +71,7 @@ def draw_overview(results: Sequence[ScenarioResult], path: Path) -> None:
     [J]. A panel has a row for each scenario and a point for each controller. A mark shows the
     planned energy, with boosted oil priced as `series` (servo pump in series with the main pump).
     A dotted line marks a tip error of LARGEST_WANTED_ERROR. Tip errors below LEAST_ERROR are drawn
-    there.
+    at LEAST_ERROR.
 
     Args:
         results: Result of each scenario, with both controllers of CONTROLLER_COLORS.
