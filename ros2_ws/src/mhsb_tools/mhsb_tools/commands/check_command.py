@@ -293,6 +293,7 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
         - linkage: kind of linkage between cylinder and joint
         - range_rad (range_m for a telescope): least and largest joint position
         - moment_arm_m: least and largest moment arm dL/dq over the range, signed
+        - cylinder_length_m: cylinder length at the lower and at the upper end of the range
         - stroke_m: change of the cylinder length over the range
         - straight_out_torque_nm (straight_out_force_n for a telescope): torque (or force) that
           holds the load; None if the joint slews, or cannot be at position 0
@@ -319,6 +320,7 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
         "linkage": joint.linkage.kind,
         "range_m" if slides else "range_rad": [float(lower), float(upper)],
         "moment_arm_m": [float(least), float(largest)],
+        "cylinder_length_m": [float(lengths[0]), float(lengths[-1])],
         "stroke_m": float(np.ptp(lengths)),
         "straight_out_force_n" if slides else "straight_out_torque_nm": torque,
         "straight_out_load_pressure_pa": pressure,
@@ -327,7 +329,7 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
 
 
 def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
-    """Format range, moment arm, stroke and load of all joints as a table.
+    """Format range, moment arm, cylinder length and load of all joints as a table.
 
     The last two columns are for the arm straight out (all joint positions 0): torque [N m] and load
     pressure p_L [MPa]. Each is "-" for a slew drive, and if position 0 is outside the joint's
@@ -338,12 +340,12 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
 
     Returns:
         A line of column titles, then one line for each joint, then the line on a bent arm. The
-        columns are: number from 1, kind of linkage, range [deg], moment arm [mm], stroke [mm],
-        torque, load pressure. A telescope has its range in mm, "-" as moment arm, and a force [N]
-        instead of the torque.
+        columns are: number from 1, kind of linkage, range [deg], moment arm [mm], cylinder
+        length at the lower and at the upper end of the range [mm], torque, load pressure. A
+        telescope has its range in mm, "-" as moment arm, and a force [N] instead of the torque.
     """
     lines = [
-        "joint  linkage        range [deg]      moment arm [mm]   stroke [mm]   "
+        "joint  linkage        range [deg]      moment arm [mm]   length at ends [mm]   "
         "straight out: [N m]  p_L [MPa]"
     ]
     bent: list[str] = []
@@ -354,6 +356,7 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
         )
         torque = joint["straight_out_force_n" if slides else "straight_out_torque_nm"]
         least, largest = joint["moment_arm_m"]
+        first, last = joint["cylinder_length_m"]
         arms = f" mm{'-':>14s}" if slides else f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
         shown = f"{'-':>10s} {'-':>16s}"
         if torque is None and joint["linkage"] not in SLEW_DRIVES:
@@ -363,7 +366,7 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
             shown = f"{newtons} {pressure / 1e6:16.2f}"
         lines.append(
             f"{number:5d}  {joint['linkage']:12s} {lower:7.1f} …{upper:6.1f}{arms}"
-            f"  {1e3 * joint['stroke_m']:12.1f}  {shown}"
+            f"  {1e3 * first:10.1f} …{1e3 * last:7.1f}   {shown}"
         )
     if bent:
         lines.append(

@@ -1,6 +1,8 @@
 """The check command: text about a machine, and clean refusals."""
 
+import cmath
 import json
+import math
 import re
 
 import numpy as np
@@ -35,6 +37,29 @@ def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
     text = "\n".join(check.format_report(machine))
     assert "157.3" in text
     assert "23 mode patterns" in text
+
+
+def test_the_report_gives_the_length_of_each_cylinder_at_both_ends_of_the_joints_range():
+    _, _, crank, bars = load_machine("excavator").config.joints
+    text = "\n".join(check.format_report(load_machine("excavator")))
+    shown = re.findall(r"([\d.]+) … *([\d.]+)  +[-\d.]+ +[-\d.]+$", text, re.MULTILINE)
+    pins = crank.linkage.parent_pin, crank.linkage.child_pin
+    for q, length in zip((crank.limits.lower, crank.limits.upper), shown[2], strict=True):
+        ends = [
+            cmath.rect(p.radius, p.angle + turned) for p, turned in zip(pins, (0, q), strict=True)
+        ]
+        assert float(length) == pytest.approx(1e3 * abs(ends[0] - ends[1]), abs=0.06)
+    four = bars.linkage
+    pivot, base, child = (
+        cmath.rect(pin.radius, pin.angle)
+        for pin in (four.rocker_pivot, four.parent_pin, four.child_pin)
+    )
+    for q, length in zip((bars.limits.lower, bars.limits.upper), shown[3], strict=True):
+        line = child * cmath.exp(1j * q) - pivot
+        a, b, d = four.rocker_length, four.coupler_length, abs(line)
+        turned = -math.acos((a**2 + d**2 - b**2) / (2 * a * d))  # right of the line
+        tip = pivot + a * cmath.exp(1j * (cmath.phase(line) + turned))
+        assert float(length) == pytest.approx(1e3 * abs(tip - base), abs=0.06)
 
 
 def test_the_report_says_once_that_the_arm_cannot_be_straight(machine, slider_crank_machine):
@@ -181,7 +206,7 @@ def test_json_has_the_numbers_of_the_text_in_si_units(machine, run):
 
 def test_a_telescope_is_told_in_millimetres_and_newtons(telescope_machine):
     text = "\n".join(check.format_report(telescope_machine))
-    assert re.search(r"3  direct +0\.0 … 250\.0 mm +- +250\.0 +-?0\.0 N", text)
+    assert re.search(r"3  direct +0\.0 … 250\.0 mm +- +330\.0 … +580\.0 +-?0\.0 N", text)
     found = check.collect_facts(telescope_machine)
     assert found["joints"][2]["range_m"] == [0.0, 0.25]
     assert found["workspace"]["held"] + found["workspace"]["boosted"] > 650
