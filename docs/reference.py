@@ -1,4 +1,4 @@
-"""Writes the pages that follow from the code: parameters, machine file, interfaces, goal states.
+"""Writes the pages that follow from the code, such as parameters and options.
 
     python docs/reference.py
 
@@ -9,10 +9,15 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import io
 import math
+import os
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
+from unittest import mock
 
 import griffe
 import rclpy
@@ -26,9 +31,11 @@ from mhsb_planner.online.goal_states import GOAL_TRANSITIONS, GoalState, Transit
 from mhsb_planner.ros import planner_parameters
 from mhsb_sim.circuit.valves.registry import PORT_VALVE_KINDS, VALVE_KINDS
 from mhsb_sim.ros import sim_parameters
+from mhsb_tools.executables import SUBCOMMAND_TABLE
 
 FOLDER = Path(__file__).resolve().parent
 OF_SEVERAL_KINDS = ("joints.0", "link", "limits", "linkage")
+HELP_COLUMNS = 100
 GENERATED = "<!-- written by docs/reference.py -->\n"
 
 
@@ -425,7 +432,33 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
+# --- Options of the commands ---------------------------------------------------------------------
+
+
+def options_page() -> str:
+    """Return the page with the help of every subcommand of `mhsb`."""
+    parts = [_subcommand_part(name, entry) for name, (entry, _) in SUBCOMMAND_TABLE.items()]
+    return f"""# Options of the commands
+
+{GENERATED}
+What `mhsb SUBCOMMAND --help` prints. [Commands](commands.md) says which there are.
+{"".join(parts)}"""
+
+
+def _subcommand_part(name: str, entry: Callable[[], int]) -> str:
+    """Return the part of one subcommand, as its help is on a terminal of HELP_COLUMNS."""
+    module = inspect.getclosurevars(entry).nonlocals["module"]
+    text = io.StringIO()
+    terminal = mock.patch.dict(os.environ, {"COLUMNS": str(HELP_COLUMNS)})
+    words = mock.patch.object(sys, "argv", [f"mhsb {name}", "--help"])
+    with terminal, words, redirect_stdout(text), suppress(SystemExit):
+        importlib.import_module(module).main()
+    lines = "\n".join(line.rstrip() for line in text.getvalue().strip().splitlines())
+    return f"\n## `mhsb {name}`\n\n```text\n{lines}\n```\n"
+
+
 PAGES = {
+    "options.md": options_page,
     "parameters.md": parameters_page,
     "machine_file.md": machine_file_page,
     "goal_states.md": goal_states_page,

@@ -91,7 +91,7 @@ def test_modules_that_pages_name_exist():
 
 
 @pytest.mark.parametrize(
-    "page", ["parameters.md", "machine_file.md", "goal_states.md", "interfaces.md"]
+    "page", ["options.md", "parameters.md", "machine_file.md", "goal_states.md", "interfaces.md"]
 )
 def test_a_page_that_follows_from_the_code_is_what_the_code_says(page, ros_domain):
     written = script(DOCS / "reference.py").PAGES[page]()

@@ -319,13 +319,14 @@ def _describe_range_and_default(limits: NumberRange | None, value: str) -> str:
 
     Args:
         limits: Range of the argument's numbers; None if it has none.
-        value: The default value as text. The text "None" adds nothing, since the argument's own
-            description says what None does. An empty text adds the word "repeatable".
+        value: The default value as text. "None" and an empty string in quotes add
+            nothing, since the argument's own description says what they do. An empty text adds the
+            word "repeatable".
 
     Returns:
         Text in parentheses, such as `(from 0 to 5; default: 1)`. Empty if there is nothing to add.
     """
-    default = {"None": "", "": "repeatable"}.get(value, f"default: {value}")
+    default = {"None": "", "''": "", "": "repeatable"}.get(value, f"default: {value}")
     words = "; ".join(filter(None, (str(limits or ""), default)))
     return f"({words})" if words else ""
 

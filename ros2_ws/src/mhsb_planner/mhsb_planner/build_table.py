@@ -38,7 +38,7 @@ class TableArguments:
     Attributes:
         solver: Solver for the largest polytope. global searches all postures; slsqp is the paper's
             sequential quadratic programming from random starts, for comparison.
-        spacing: Distance of the grid's nodes [m]; the machine file's if left out.
+        spacing: Distance of the grid's nodes, above 0 [m]; the machine file's if left out.
     """
 
     solver: Literal["global", "slsqp"] = "global"

@@ -40,7 +40,7 @@ def _subcommand(
 
 
 SUBCOMMAND_TABLE = {
-    "check": _subcommand("mhsb_tools.commands.check_command", "what a machine file amounts to"),
+    "check": _subcommand("mhsb_tools.commands.check_command", "what a machine file means"),
     "plan": _subcommand("mhsb_tools.commands.plan_command", "plan one motion offline"),
     "build-table": _subcommand("mhsb_planner.build_table", "compute a machine's posture table"),
     "simulate": _subcommand("mhsb_tools.commands.simulate_command", "simulate goals without ROS"),

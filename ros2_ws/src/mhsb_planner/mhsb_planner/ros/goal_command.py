@@ -53,9 +53,10 @@ def goal(
     Args:
         place: X forward, Y to the left and Z up from the base [m]; Y is 0 if it is left out.
         tolerance: Distance from the goal at which the tip may end as well [m]; 0 for the exact
-            goal.
-        psi_range: Least and greatest angle of the end link at the goal [rad]; a whole turn, such as
-            0 6.3, leaves it free.
+            goal. When left out, the planner's parameter stays.
+        psi_range: Least and greatest angle of the end link at the goal, from the horizontal,
+            positive upwards [rad]; a whole turn, such as 0 6.3, leaves it free. When left out, the
+            planner's parameters stay.
         wait: Also wait until the motion has ended.
         timeout: How long to wait for a planner, and again for its answer [s].
         json: Print the verdict, and with --wait the execution report, as one JSON object.

@@ -60,11 +60,11 @@ class FilmArguments:
     """Options for the film.
 
     Attributes:
-        begin: First instant that is shown, after the start [s].
-        end: Last instant that is shown [s]; the end when left out.
+        begin: First instant that is shown, counted from the start [s].
+        end: Last instant that is shown, counted from the start [s]; the end when left out.
         speed: Seconds that pass in one second of the film.
-        rate: Pictures in one second of the film.
-        width: Width of the picture [pixels].
+        rate: Pictures in one second of the film; fewer make a smaller file.
+        width: Width of the pictures [pixels].
     """
 
     begin: Annotated[float, tyro.conf.arg(metavar="S"), NumberRange(-1e9, 1e9)] = 0.0
@@ -75,7 +75,7 @@ class FilmArguments:
 
 
 def animate(
-    bag: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="BAG")] = None,
+    bag: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[BAG]")] = None,
     *,
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")],
     plan: PlannedMoveArguments,

@@ -108,7 +108,8 @@ def demo(
         estimates_file: File (YAML) of what the servo of a machine without pressure sensors has
             learnt: read at the start if it exists, written while the arm moves.
         view: Show the arm in a browser while it moves, at the address that is printed.
-        json_: Print DIR/summary.json at the end; all else goes to standard error.
+        json_: Print DIR/summary.json at the end; all else goes to standard error. Its
+            energy_measured_j has the energy to the oil by main pump (mp) and servo pumps (sp).
 
     Returns:
         Exit code 0.

@@ -59,7 +59,7 @@ class MoveArguments:
             --start. They may be beyond the joint limits: the motion then leads back into them.
         via: Point that the tip passes on its way [m], with Y if the arm slews; may be given several
             times, in the order of passing.
-        via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
+        via_tolerance: Distance at which the tip may pass these points [m]; 0.01 when left out.
     """
 
     start: OptionalPosition = None
@@ -109,7 +109,8 @@ class GoalArguments:
     """Options for the end of a motion: angle of the end link, and where the tip may end.
 
     Attributes:
-        goal_psi: Angle of the end link at the goal [rad]; free when left out.
+        goal_psi: Angle of the end link at the goal, from the horizontal, positive upwards [rad];
+            free when left out.
         goal_psi_range: Least and greatest angle of the end link that are accepted [rad].
         goal_tolerance: Distance from the goal at which the tip may end as well [m]; without it, a
             segment or a box, the tip ends at the goal itself.
@@ -171,8 +172,8 @@ class ArmArguments:
         table: Posture table (npz); built and kept in the user's cache when left out.
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Pressure of the main pump [Pa]; the machine file's when left out.
-        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out. Actuators
-            whose own limit is lower keep that.
+        v_max: Piston speed for which plans are made, V_max [m/s]; the machine file's when left out.
+            Actuators whose own limit is lower keep that.
         supply_pressure_range: Choose the constant supply pressure in this range with which the
             motion costs least [Pa]; with --json the examined points are printed, too.
         v_max_range: Choose the piston speed in this range with which the motion costs least [m/s].
@@ -253,15 +254,16 @@ class PlannerArguments:
     """Options for the planner: what counts, where postures come from, how it searches.
 
     Attributes:
-        weights: Weights of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
+        weights: Weights of energy [1/J], time [1/s] and mode switches. When left out, the case's;
+            without a case, 0.5 0 2.
         area_weight: Weight of the velocity polytope's area that is lost along the tip's path, for
             the integrated planner [1/m]; the area does not count when left out.
         planner: Method that chooses postures and path; that of the case when left out, else
             integrated.
         initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture table
             at the start when left out.
-        search: The exact search, or the published one with one label for each node, of the table
-            and the fixed planner; exact when left out.
+        search: Graph search of the planners table and fixed: exact, or as published with one label
+            for each node; exact when left out.
         heuristic_scale: Scale of the published search's heuristic, cost per distance from the goal
             [1/m]; 1 when left out.
         trajectory: How the trajectory is made: a polynomial as published, or the discrete path
@@ -269,7 +271,9 @@ class PlannerArguments:
             polynomial, or followed if V_max makes that cheaper.
         max_speed_excess: Share by which pistons may exceed V_max on a polynomial, which is
             stretched in time until they do not exceed it further; 0.1 when left out.
-        energy_reading: Price of boosted oil that the search minimises; the paper's when left out.
+        energy_reading: Price of boosted oil that the search minimises. paper: load pressure over
+            efficiency; series: main pump and servo pump in series, as simulated. paper when left
+            out.
     """
 
     weights: Annotated[

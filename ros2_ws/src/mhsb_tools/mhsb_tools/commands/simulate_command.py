@@ -149,7 +149,8 @@ def simulate(
             [s]; reference, position [rad or m], reference_velocity, velocity [rad/s or m/s] and
             reference_acceleration [rad/s² or m/s²] of joints; tip_error [m]; modes (0 N, 1 DB, 2
             SB); cap_pressure, rod_pressure, supply_pressure [Pa]; valve_opening (-1 to 1).
-        json_: Print one JSON object instead of text.
+        json_: Print one JSON object, as in summary.json, instead of text. Its energy_measured_j has
+            the energy to the oil by main pump (mp) and servo pumps (sp).
         audit: Also print where all energy and all oil went, and what the plans had expected; not
             together with --json, which has it all.
 

@@ -70,9 +70,10 @@ def compare(
         machine: Machine file (YAML); the suite's own arm when left out.
         payload: Mass at the tip [kg]; the machine file's when left out.
         weights: Weights of energy [1/J], time [1/s] and mode switches.
-        moves: Number of random moves between nodes of the grid.
-        truths: Number of random moves for which the ground truth is searched, too; each takes
-            seconds. When left out, 10, or all moves if there are fewer.
+        moves: Number of random moves between nodes of the posture table's grid.
+        truths: Number of random moves for which the ground truth (the cheapest path of a long
+            search) is searched, too; each takes seconds. When left out, 10, or all moves if there
+            are fewer.
         work: Processes or computers that do the work.
         json_: Print summary.json instead of text.
 

@@ -145,11 +145,11 @@ def record(
     """Record the suite's topics as a rosbag2 folder (MCAP) until interrupted.
 
     Args:
-        output: new folder of the recording
-        duration: stop by itself after this time [s, wall clock]
-        repair: complete this damaged recording instead of recording; the damaged files are kept
-            beside it
-        json: print one JSON object at the end instead of text
+        output: New folder of the recording.
+        duration: Stop by itself after this time [s, wall clock].
+        repair: Complete this damaged recording instead of recording; the damaged files are kept
+            beside it.
+        json: Print one JSON object at the end instead of text.
 
     Returns:
         The exit code 0, after a recording and after a repair.

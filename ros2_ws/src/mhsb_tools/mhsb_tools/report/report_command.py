@@ -98,7 +98,8 @@ def report(
     """Draw figures (PNG) of a recording and write its numbers into summary.json.
 
     Figures show joint angles in deg, pressures in MPa, energy in J, the tip's path in m and its
-    error in mm, over time in s. Files of the same names in DIR are replaced.
+    error in mm, over time in s. Files of the same names in DIR are replaced. In summary.json,
+    energy_measured_j is the energy to the oil by main pump (mp) and servo pumps (sp).
 
     Args:
         bag: Folder of the recording (rosbag2).
@@ -106,7 +107,7 @@ def report(
         machine: Machine file (YAML) of the recording; the suite's own arm if omitted.
         table: Posture table (npz), for the regions where boost is needed; built and kept in the
             user's cache if omitted.
-        namespace: Namespace of the recorded topics, such as /left.
+        namespace: Namespace of the recorded topics, such as /left; none when left out.
         moves: Also draw a page for each move: path, joints, modes, operating regions, pressures,
             energy.
         json_: Print the summary as one JSON object instead of text.

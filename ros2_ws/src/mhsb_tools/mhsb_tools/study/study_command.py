@@ -77,7 +77,8 @@ class DrawArguments:
         seed: Seed of the draws; 0 when left out.
         goals: Number of random goals of each draw; six when left out.
         plant: Plant file (YAML) of the machine that is varied, if it is not the machine itself.
-        controllers: Controllers that draws are given to; all when left out.
+        controllers: Controllers that are run on the draws; all that suit the machine's sensors when
+            left out.
     """
 
     variations: OptionalFile = None

@@ -62,19 +62,19 @@ def tune_servo(
     """Tune the gains of the servo controllers with equal effort; write them into the machine file.
 
     The cost of a run is tip error RMS [mm] + supply overshoot [MPa], and 10 more for an opened
-    relief valve, and for a fall. Minimised is the sum of two parts: the 90 % quantile over draws of
-    plants that differ from the file, and the mean over the study's training scenarios on the exact
-    machine. Gains of the cascade (coordinated, independent) with which the arm would oscillate with
-    growing amplitude in some posture are excluded. If no trial is better, the file's own gains are
-    kept. Run it again whenever linkages, masses, cylinders or pumps of a machine change. Equal
-    arguments give equal gains.
+    relief valve, and if the arm falls. The sum of two parts is minimised: the 90 % quantile over
+    draws of plants that differ from the file, and the mean over the study's training scenarios on
+    the exact machine. Gains of the cascade (coordinated, independent) with which the arm would
+    oscillate with growing amplitude in some posture are excluded. If no trial is better, the file's
+    own gains are kept. Run it again whenever linkages, masses, cylinders or pumps of a machine
+    change. Equal arguments give equal gains.
 
     Args:
         machine: Machine file (YAML) to tune and to change; the suite's own arm when left out.
         budget: Trials of each controller, each of them on all scenarios and draws.
         training: Scenarios and draws by which gains are judged.
         work: Number of processes, or the Dask cluster, that computes.
-        dry_run: Leave the machine file as it is.
+        dry_run: Only print the gains; leave the machine file as it is.
         json_: Print one JSON object instead of text: cost and gains of each controller.
 
     Raises:
