@@ -62,6 +62,9 @@ WAITS = (0.3, 3.0)
 LAST_WAIT = 40.0
 """Time at the end in which all executions end [s]."""
 
+MEMORY_STRIDE = 60
+"""Number of memory readings, a second apart, of which one is written."""
+
 BROKEN_SHOWN = 5
 """Largest number of sentences printed for one promise."""
 
@@ -388,7 +391,7 @@ def summary(
                 "seconds": (life.end_ns - life.ready_ns) / SECOND_NS,
                 "signal": life.signal,
                 "exit_code": life.exit_code,
-                "largest_mb": max((size for _, size in life.memory), default=0) / 1e6,
+                "memory_mb": [size / 1e6 for _, size in life.memory[::MEMORY_STRIDE]],
             }
             for life in events.lives
         ],

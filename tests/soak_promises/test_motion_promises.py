@@ -203,6 +203,7 @@ def test_an_arm_that_still_brakes_when_it_is_healed_does_not_lunge(spoilt, event
     for braked, held in ((4000, False), (5105, True)):
         braking = replace(references, velocity=references.velocity.copy())
         braking.velocity[5000:braked] = 0.1
+        braking.velocity[5010:5020] = 0.0
         recording = {"joint_states": lunging, "references": braking}
         assert motion_promises.check_healing(spoilt(recording=recording)).is_kept is held
 
