@@ -23,7 +23,8 @@ start = MotionState.at_rest(machine.config.simulation.start_posture)
 plan = planner.plan((0.55, 0.60), start)  # tip position x, z [m]
 
 print(plan)
-print(f"compare:  {compute_single_supply(machine, plan.motion.trajectory)}")
+one_pump = compute_single_supply(machine, plan.motion.trajectory)
+print(f"compare:  {one_pump.describe_saving(plan.energy.series)}")
 print(f"joint angles at the end: {plan.motion.trajectory.position[-1].round(3)} rad")
 plan.to_csv(folder / "move.csv")
 plot_plan(plan, folder / "move.png")

@@ -31,6 +31,9 @@ window.cancelAnimationFrame = clearTimeout;
 """
 """Ten in a second: processors draw them, and are needed for what the test is about."""
 
+WITHOUT_NOTES = "document.querySelectorAll('[role=alert]').forEach(each => each.remove())"
+"""Takes away the note that processors draw the page."""
+
 THROTTLE = 0.2
 """Time within which the page sends what was typed or dragged [s]; a button may overtake it."""
 
@@ -152,6 +155,7 @@ class Page:
 
     def screenshot(self, file: Path) -> bytes:
         """A picture of the page, PNG, written to a file."""
+        self.evaluate(WITHOUT_NOTES)
         content = base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"])
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)

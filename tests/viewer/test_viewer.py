@@ -18,7 +18,8 @@ from mhsb_msgs_py.node_process import serve_node
 from mhsb_tools.viewer.server import CAMERA_POSITION, FIELD_OF_VIEW, LOOK_AT
 
 PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")
-"""Folder for screenshots, where somebody wants to look at them."""
+"""Folder for screenshots, where somebody wants to look at them; docs/view_abilities.png is its
+abilities.png with MHSB_VIEWER_SIZE=1280x760."""
 
 FRAME = "new Promise(drawn => requestAnimationFrame(() => drawn()))"
 """Promise that is kept with the page's next frame: a move of the mouse is handled by then."""
@@ -95,7 +96,8 @@ def test_goals_are_typed_and_dragged_and_what_was_seen_is_played_back(
         until_tip_left(page, before)
         keep(page, "live")
         page.tick("where boost is needed")
-        page.until(r"/with 10 kg, of \d+ points \d+ need N alone/.test(document.body.innerText)")
+        counts = r"with 10 kg, of \d+ points in reach \d+ are held in N, \d+ need boost"
+        page.until(f"/{counts}/.test(document.body.innerText)")
         page.until(r"/of \d+ J from the pumps: -?\d+ J work/.test(document.body.innerText)")
         time.sleep(1.0)
         keep(page, "abilities")

@@ -138,7 +138,8 @@ class Plan:
     def energy_text(self) -> str:
         """Text with the energy of the motion [J], in both energy readings if they differ."""
         paper, series = f"{self.energy.paper:.1f} J", f"{self.energy.series:.1f} J"
-        return paper if paper == series else f"{paper} in reading paper, {series} in reading series"
+        both = f"{paper} by the paper's formula, {series} with the pumps in series"
+        return paper if paper == series else both
 
     @property
     def gap(self) -> float:

@@ -262,8 +262,9 @@ def _format_verdict(verdict: GoalVerdict) -> list[str]:
     plan = verdict.plan
     if plan is not None and plan.plan_stamp_ns != 0:
         lines.append(
-            f"  {plan.duration_s:.2f} s, {plan.energy_j:.0f} J ({plan.energy_series_j:.0f} J in "
-            f"reading series; zones aside, no motion takes less than {plan.lower_bound_j:.0f} J), "
+            f"  {plan.duration_s:.2f} s, {plan.energy_j:.0f} J ({plan.energy_series_j:.0f} J with "
+            f"the pumps in series; zones aside, no motion takes less than "
+            f"{plan.lower_bound_j:.0f} J), "
             f"{plan.switches} mode {'switch' if plan.switches == 1 else 'switches'}, planned in "
             f"{plan.plan_ms:.1f} ms"
         )

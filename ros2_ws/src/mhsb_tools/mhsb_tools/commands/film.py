@@ -22,11 +22,11 @@ from mhsb_model.figure_style import (
     rgb,
 )
 from mhsb_model.files.output_folders import replace_file
-from mhsb_model.modes import Mode, find_strongest_modes
+from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, Position
 from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_planar_bars
 from mhsb_tools.moves.move import MoveRecord
-from mhsb_tools.moves.move_page import PER_MPA, draw_mode_bars, yield_mode_spans
+from mhsb_tools.moves.move_page import PATH_WIDTH, PER_MPA, draw_mode_bars, yield_path_spans
 from mhsb_tools.moves.workspace_drawing import draw_obstacles, draw_workspace_axes
 
 ByteArray = npt.NDArray[np.uint8]
@@ -232,7 +232,10 @@ class _Film:
                 min(limits[0], values.min() - CYLINDER_MARGIN),
                 max(limits[1], values.max() + CYLINDER_MARGIN),
             )
-        handles = [axes.plot([], [], color=PATH_COLOR[mode], linewidth=2.5)[0] for mode in Mode]
+        handles = [
+            axes.plot([], [], color=PATH_COLOR[mode], linewidth=PATH_WIDTH[mode])[0]
+            for mode in Mode
+        ]
         names = [f"tip, all in {Mode.N.name}", *(f"one in {mode.name}" for mode in list(Mode)[1:])]
         axes.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
@@ -281,7 +284,7 @@ class _Film:
 
         axes = self._stage
         look: dict[str, Any] = {"animated": True, "capstyle": "round"}
-        self._path = axes.add_collection(LineCollection([], linewidths=2.5, **look))
+        self._path = axes.add_collection(LineCollection([], **look))
         self._bars = axes.add_collection(
             LineCollection([], linewidths=BAR_WIDTH, colors=GREY, **look)
         )
@@ -304,10 +307,9 @@ class _Film:
     def _update_artists(self, row: int, time: float) -> None:
         """Set all moving artists to one instant.
 
-        Cylinder barrels get the colour of their actuator's mode. The tip's path is drawn from the
-        beginning to this instant. Each point has the colour of the strongest mode of all actuators
-        (N < DB < SB). Only the latest goal up to this instant is marked; before the first goal
-        there is no mark.
+        Cylinder barrels get the colour of their actuator's mode. The tip's path from the beginning
+        to this instant has the colours of all boosted modes in force at each point. Only the latest
+        goal up to this instant is marked; before the first goal there is no mark.
 
         Args:
             row: Index of the sample to show, in the move's arrays.
@@ -323,11 +325,10 @@ class _Film:
         self._barrels.set_segments([_flat(bar) for bar in barrels])
         modes = move.modes[row, move.machine.slews :].tolist()  # a slewing joint has no barrel
         self._barrels.set_color([MODE_COLOR[Mode(mode)] for mode in modes])
-        stretches = (
-            list(yield_mode_spans(find_strongest_modes(move.modes[: row + 1]))) if row > 0 else []
-        )
+        stretches = list(yield_path_spans(move.modes[: row + 1])) if row > 0 else []
         self._path.set_segments([move.tip[begin : end + 1] for begin, end, _ in stretches])
         self._path.set_color([PATH_COLOR[mode] for *_, mode in stretches])
+        self._path.set_linewidth([PATH_WIDTH[mode] for *_, mode in stretches])
         sent = [
             move.machine.project_to_plane(goal.place) for goal in self._goals if goal.time <= time
         ]

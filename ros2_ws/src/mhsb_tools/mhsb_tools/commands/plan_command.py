@@ -337,14 +337,15 @@ def format_plan(asked: PaperCase, plan: Plan, found: OperatingPoint | None) -> l
         found: Best and all examined operating points, or None if none was searched.
 
     Returns:
-        Lines: the case if it is one, the plan, the energy of the same motion with one pump at
-        constant pressure, the operating point if one was searched, a note if zones are kept with
+        Lines: the case if it is one, the plan, what it saves against one pump at constant pressure,
+        the operating point if one was searched, a note if zones are kept with
         links without thickness, an empty line, and the table of the motion.
     """
+    supply = compute_single_supply(plan.machine, plan.motion.trajectory)
     return [
         *format_case_line(asked),
         str(plan),
-        f"compare:  {compute_single_supply(plan.machine, plan.motion.trajectory)}",
+        f"compare:  {supply.describe_saving(plan.energy.series)}",
         *format_operating_point(found),
         *format_thickness_note(plan.machine),
         "",
@@ -418,8 +419,8 @@ def format_path(machine: Machine, plan: Plan) -> list[str]:
     return [
         *lines,
         f"discrete path of the search: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
-        f"({path.energy_series.sum():.1f} J in reading series), {format_switches(path.switches)}; "
-        "the modes of the motion are chosen anew",
+        f"({path.energy_series.sum():.1f} J with the pumps in series), "
+        f"{format_switches(path.switches)}; the modes of the motion are chosen anew",
     ]
 
 

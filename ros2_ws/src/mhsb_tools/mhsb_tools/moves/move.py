@@ -19,6 +19,13 @@ from mhsb_tools.moves.supply_systems import compute_single_supply
 SAMPLE_COUNT = 601
 """Number of instants at which a planned motion is sampled."""
 
+REST_TOLERANCE = 1e-6
+"""Largest distance of a resting joint from its last position [rad or m]. It exceeds rounding
+errors, and motions cross it in the last hundredths of their time."""
+
+SHOWN_REST = 0.05
+"""Rest at the end of a move up to which its heading does not name it [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class MoveRecord:
@@ -38,7 +45,7 @@ class MoveRecord:
         supply: Pressure in each actuator's supply line, shape (k, n) [Pa].
         chambers: Other pressures to draw, by label, each of shape (k, n) [Pa].
         energy: Energy by name [J], positive if used, negative if given, as by pumps.
-        energy_source: Source of the energy, such as `the planner's model`.
+        energy_title: Title of the energy flow: source of the energy, its sum, and its saving.
     """
 
     machine: Machine
@@ -53,7 +60,7 @@ class MoveRecord:
     supply: FloatArray
     chambers: Mapping[str, FloatArray]
     energy: Mapping[str, float]
-    energy_source: str
+    energy_title: str
 
     @property
     def tip(self) -> FloatArray:
@@ -64,6 +71,19 @@ class MoveRecord:
     def duration(self) -> float:
         """Time from the first instant to the last [s]."""
         return float(self.time[-1] - self.time[0])
+
+    @property
+    def heading(self) -> str:
+        """Title with the duration, and with the rest at the end if it is noticeable."""
+        rest = f", the last {self.rest:.1f} s at rest" if self.rest > SHOWN_REST else ""
+        return f"{self.title}: {self.duration:.2f} s{rest}"
+
+    @property
+    def rest(self) -> float:
+        """Time at the end in which the reference rests, or the positions if there is none [s]."""
+        followed = self.position if self.reference is None else self.reference
+        away = np.any(np.abs(followed - followed[-1]) > REST_TOLERANCE, axis=1)
+        return float(self.time[-1] - np.max(self.time[away], initial=self.time[0]))
 
 
 def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> MoveRecord:
@@ -106,9 +126,8 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
             "the load's, $p_L$": load_pressures(machine, profile.force, profile.speed),
         },
         energy=split_energy(plan.energy),
-        energy_source="the planner's model:\n"
-        + plan.energy_text.replace(", ", ",\n")
-        + f" (drawn)\n{compute_single_supply(machine, trajectory)}",
+        energy_title="energy by the planner's model, with the pumps in series:\n"
+        + compute_single_supply(machine, trajectory).describe_saving(plan.energy.series),
     )
 
 

@@ -30,7 +30,7 @@ from mhsb_model.figure_style import (
 from mhsb_model.goal import format_position
 from mhsb_model.hydraulics import get_shared_hydraulics
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode, find_strongest_modes
+from mhsb_model.modes import BOOSTED_MODES, Mode
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.limits.usage import compute_speed_limit
 from mhsb_tools.moves.move import MoveRecord, move_of_plan
@@ -52,13 +52,16 @@ FORCE_SAMPLES = 161
 RANGE_MARGIN = 0.15
 """Share by which the axes of force and speed exceed the values of the move."""
 
+PATH_WIDTH = {Mode.N: 2.2, Mode.DB: 2.0, Mode.SB: 5.0}
+"""Width of the tip's path for each mode [points]. DB is drawn on SB, so SB is the wider one."""
+
 
 def draw_move_page(move: MoveRecord, file: Path | None) -> Figure:
     """Draw one page about a move.
 
-    The title ends with the duration. On the left are the tip's path and the energy flow. On the
-    right are joint positions and modes over time. Below them, each actuator has its operating
-    region (possible speeds and forces) and its pressures over time.
+    The title ends with the duration, and with the part of it at rest. On the left are the tip's
+    path and the energy flow. On the right are joint positions and modes over time. Below them, each
+    actuator has its operating region (possible speeds and forces) and its pressures over time.
 
     Args:
         move: The move.
@@ -73,13 +76,13 @@ def draw_move_page(move: MoveRecord, file: Path | None) -> Figure:
     """
     n = move.machine.joint_count
     with open_figure(file, PAGE_HEIGHT, LEFT_WIDTH + COLUMN_WIDTH * n) as figure:
-        figure.suptitle(f"{move.title}: {move.duration:.2f} s", fontweight="bold")
+        figure.suptitle(move.heading, fontweight="bold")
         left, right = figure.subfigures(
             1, 2, squeeze=False, width_ratios=(LEFT_WIDTH, COLUMN_WIDTH * n)
         )[0]
         path, flow = left.subplots(2, 1, height_ratios=(2.3, 1.0))
         _draw_path(move, path)
-        flow.set_title(f"energy, by {move.energy_source}")
+        flow.set_title(move.energy_title, fontsize=9)
         draw_energy_flow(move.energy, flow)
         parts = right.subfigures(3, 1, squeeze=False, height_ratios=(1.25, 1.0, 1.0))
         top, regions, pressures = parts[:, 0]
@@ -120,9 +123,9 @@ def plot_plan(plan: Plan, file: str | Path | None = None, title: str = "") -> Fi
 def _draw_path(move: MoveRecord, axes: Axes) -> None:
     """Draw the tip's path in the arm's plane, with workspace, obstacles, arm and goals.
 
-    The path has at each instant the colour of the strongest mode of all actuators (N < DB < SB).
-    The arm is drawn at the start and at the end. Goals have numbers if there are several. The axes
-    get a legend and are widened if the arm does not fit in.
+    The path has the colours of all boosted modes in force. The arm is drawn at the start and at the
+    end. Goals have numbers if there are several. The axes get a legend and are widened if the arm
+    does not fit in.
 
     Args:
         move: The move.
@@ -135,12 +138,7 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
     for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
         draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
     widen_axes_to_arm(move.machine, move.position[[0, -1]], axes)
-    tip = move.tip
-    for begin, end, mode in yield_mode_spans(find_strongest_modes(move.modes)):
-        axes.plot(*tip[begin : end + 1].T, color=PATH_COLOR[mode], linewidth=2.6)
-    for mode in Mode:
-        who = "all actuators" if mode is Mode.N else "an actuator"
-        axes.plot([], [], color=PATH_COLOR[mode], linewidth=2.6, label=f"tip, {who} in {mode.name}")
+    draw_tip_path(move.tip, move.modes, axes)
     several = len(move.goals) > 1
     goals = [tuple(move.machine.project_to_plane(goal).tolist()) for goal in move.goals]
     for number, (place, who) in enumerate(_places(goals), start=1):
@@ -154,6 +152,46 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
                 path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()], zorder=5,
             )  # fmt: skip
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), fontsize=8, ncols=2)
+
+
+def draw_tip_path(tip: FloatArray, modes: ModeArray, axes: Axes, what: str = "tip") -> None:
+    """Draw the tip's path in the colours of all boosted modes in force, with labels for a legend.
+
+    Args:
+        tip: Positions (x, z), shape (k, 2) [m].
+        modes: Modes of n actuators at these positions, shape (k, n).
+        axes: Axes to draw on.
+        what: First word of the labels.
+    """
+    for begin, end, mode in yield_path_spans(modes):
+        axes.plot(*tip[begin : end + 1].T, color=PATH_COLOR[mode], linewidth=PATH_WIDTH[mode])
+    for mode in Mode:
+        who = "an actuator" if BOOSTED_MODES[mode] else "all actuators"
+        label = f"{what}, {who} in {mode.name}"
+        axes.plot([], [], color=PATH_COLOR[mode], linewidth=PATH_WIDTH[mode], label=label)
+
+
+def yield_path_spans(modes: ModeArray) -> Iterator[tuple[int, int, Mode]]:
+    """Yield the stretches of a path to draw in the colour of each mode, in the order of drawing.
+
+    A boosted mode has the stretches in which at least one actuator has it. Stretches of DB and SB
+    overlap where actuators differ. N has the stretches in which all actuators have it.
+
+    Args:
+        modes: Modes of n actuators at k instants, shape (k, n).
+
+    Yields:
+        First row, end and mode of each stretch, as `yield_mode_spans`. N comes first and DB last.
+    """
+    normal = np.all(modes == Mode.N, axis=1)
+    for mode, shown in (
+        (Mode.N, normal),
+        (Mode.SB, np.any(modes == Mode.SB, axis=1)),
+        (Mode.DB, np.any(modes == Mode.DB, axis=1)),
+    ):
+        other = Mode.DB if mode is Mode.N else Mode.N
+        spans = yield_mode_spans(np.where(shown, mode, other))
+        yield from (span for span in spans if span[-1] is mode)
 
 
 def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, float], str]]:
@@ -306,7 +344,8 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
     The areas have the colour of the weakest mode (N < DB < SB) that allows a piston speed at a
     force; white is impossible. The move is a line that has the colours of its modes. The axis of
     forces shows 0 and all forces of the move, with a margin of at least 400 N. The axis of speeds
-    shows twice V_max, or more if the move is faster. The figure gets a legend below the panels.
+    shows twice V_max, or more if the move is faster. The figure gets a legend below the panels,
+    with a column for each mode.
 
     Args:
         move: The move.
@@ -340,9 +379,11 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
     panels[0].set_ylabel("cylinder force [kN]")
     for mode in modes:
         panels[0].fill_betweenx([], [], [], color=_pale(mode), label=f"{mode.name} is enough")
-    panels[0].plot([], [], color=BLACK, linewidth=2.0, label="the move")
+        label = f"the move, in {mode.name}"
+        panels[0].plot([], [], color=PATH_COLOR[mode], linewidth=2.0, label=label)
     figure = panels[0].get_figure(root=False)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    entries = panels[0].get_legend_handles_labels()
+    figure.legend(*entries, loc="outside lower center", ncols=len(modes))
 
 
 def _pale(mode: Mode) -> tuple[float, ...]:
@@ -376,7 +417,8 @@ def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
 
     They are the pressure in the supply line and the first three of `move.chambers`. Times in a
     boosted mode have a background in the colour of the mode. A dashed line marks the main pump's
-    pressure P_S. The first panel has the legend, for which all panels have room at the top.
+    pressure P_S. The supply line is wide and drawn first, so that equal pressures stay visible on
+    it. The first panel has the legend, for which all panels have room at the top.
 
     Args:
         move: The move.
@@ -387,7 +429,7 @@ def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
             if mode is not Mode.N:
                 axes.axvspan(move.time[begin], move.time[end], color=_pale(mode), linewidth=0)
         supply = PER_MPA * move.supply[:, j]
-        draw_line(axes, move.time, supply, color=BLACK, label="supply line", linewidth=1.4)
+        draw_line(axes, move.time, supply, color=BLACK, label="supply line", linewidth=3.0)
         colors = iter((GREEN, PURPLE, BROWN))
         for (name, pressure), color in zip(move.chambers.items(), colors, strict=False):
             draw_line(axes, move.time, PER_MPA * pressure[:, j], color=color, label=name)

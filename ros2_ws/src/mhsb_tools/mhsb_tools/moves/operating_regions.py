@@ -29,6 +29,11 @@ class OperatingRegions:
     boosted: np.ndarray
     beyond_highest_boost: np.ndarray
 
+    @property
+    def needs_boost(self) -> np.ndarray:
+        """Whether some joint needs boost and the highest boost suffices, shape (nodes,), bool."""
+        return np.asarray(np.any(self.boosted, axis=1) & ~self.beyond_highest_boost)
+
 
 def determine_operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions:
     """Determine which joints need boost at each node of the workspace grid.

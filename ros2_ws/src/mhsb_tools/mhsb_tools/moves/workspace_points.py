@@ -52,8 +52,8 @@ def count_workspace_points(machine: Machine) -> dict[str, Any]:
     """
     regions = find_hold_regions(machine)
     points, reached = len(list_workspace_points(machine)), len(regions.nodes)
-    heavy, boosted = regions.beyond_highest_boost, regions.boosted[~regions.beyond_highest_boost]
-    too_heavy, needs_boost = int(heavy.sum()), int(boosted.any(axis=1).sum())
+    too_heavy = int(regions.beyond_highest_boost.sum())
+    needs_boost = int(regions.needs_boost.sum())
     return {
         "points": points,
         "spacing_m": machine.spacing,
@@ -62,7 +62,7 @@ def count_workspace_points(machine: Machine) -> dict[str, Any]:
         "boosted": needs_boost,
         "too_heavy": too_heavy,
         "no_posture": points - reached,
-        "boosted_by_joint": boosted.sum(axis=0).tolist(),
+        "boosted_by_joint": regions.boosted[regions.needs_boost].sum(axis=0).tolist(),
     }
 
 

@@ -112,8 +112,8 @@ def _make_move(
     """Collect recorded motion, hydraulic states and energy of a time span as a move.
 
     Measured joint positions are interpolated linearly to the times of the hydraulic states. The
-    energy is computed by the planner's model from the reference and the modes in force; it is not
-    measured.
+    energy flow is computed by the planner's model from the reference and the modes in force. Its
+    title has the measured energy, too.
 
     Args:
         run: The evaluated recording.
@@ -128,6 +128,10 @@ def _make_move(
     rows = np.searchsorted(table.time_ns, time_ns)
     quantity = {name: values[rows] for name, values in table.quantity.items()}
     path = cut_trajectory(run.reference, int(time_ns[0]), int(time_ns[-1]))
+    energy = compute_motion_energy(run.machine, path, run.modes)
+    saving = compute_single_supply(run.machine, path).describe_saving(energy.series)
+    measured = energy.series + run.energy.compute_excess(int(time_ns[0]), int(time_ns[-1]))
+    known = f"{measured:.0f} J measured" if np.isfinite(measured) else "not measured"
     return MoveRecord(
         machine=run.machine,
         title=title,
@@ -140,9 +144,8 @@ def _make_move(
         force=quantity["force"],
         supply=quantity["supply_pressure"],
         chambers={"cap side": quantity["cap_pressure"], "rod side": quantity["rod_pressure"]},
-        energy=split_energy(compute_motion_energy(run.machine, path, run.modes)),
-        energy_source="the planner's model of what was followed\n"
-        f"{compute_single_supply(run.machine, path)}",
+        energy=split_energy(energy),
+        energy_title=f"energy: {known}; drawn by the planner's model:\n" + saving,
     )
 
 

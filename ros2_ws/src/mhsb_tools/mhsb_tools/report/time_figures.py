@@ -352,9 +352,10 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
     """Draw measured and planned energy and power over time, and write the figure.
 
     The upper panel stacks the measured energies of main pump and servo pumps [J] since the first
-    report of the simulator. Two lines show the planned energy, with boosted oil priced as `paper`
-    and as `series`. The lower panel shows the mean power between consecutive reports
-    [W]; it is empty if there are fewer than two.
+    report of the simulator. One line shows the energy by the planner's model, another the energy
+    that one pump at constant pressure takes. The title has the last values, and the saving. The
+    lower panel shows the mean power between consecutive reports [W]. Title and powers are left out
+    if there are fewer than two reports.
 
     Args:
         run: The evaluated recording.
@@ -362,10 +363,10 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
     """
     energy = run.energy
     time = to_seconds(run, energy.time_ns)
-    measured = energy.main_pump + energy.servo_pumps
+    pressure = PER_MPA * energy.one_pump_pressure
     planned: list[Planned] = [
-        (energy.planned, "planned, reading paper", BLACK, "-"),
-        (energy.planned_series, "planned, reading series", PURPLE, "--"),
+        (energy.one_pump, f"one pump at constant {pressure:.1f} MPa (highest need)", BLACK, "-"),
+        (energy.planned_series, "planner's model of what was followed", PURPLE, "--"),
     ]
     with open_figure(path, 6.0) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -383,7 +384,8 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
         upper.set_ylabel("energy [J]")
         upper.set_ylim(bottom=0.0)
         if len(time) > 1:
-            _draw_power(lower, time, np.vstack([energy.main_pump, measured]), planned)
+            _draw_power(lower, time, np.vstack([energy.main_pump, energy.measured]), planned)
+            upper.set_title(energy.describe_saving())
         lower.set_ylabel("power [W]")
         lower.set_ylim(bottom=0.0)
         for each in (upper, lower):

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mhsb_model.figure_style import BLACK, PATH_COLOR, Axes, open_figure
-from mhsb_model.modes import BOOSTED_MODES, Mode, find_strongest_modes
+from mhsb_model.figure_style import BLACK, Axes, open_figure
+from mhsb_tools.moves.move_page import PATH_WIDTH, draw_tip_path
 from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_tools.report.recorded_run import EvaluatedRecording
@@ -20,7 +20,7 @@ def draw_workspace(run: EvaluatedRecording, regions: OperatingRegions, path: Pat
     """Draw the tip's path over the workspace with arm and goals, and write the figure.
 
     The figure shows the arm's plane, x and z [m]. Coloured squares show which joints need boost at
-    each node of the workspace. The path has the colour of the strongest mode of all actuators.
+    each node of the workspace. The path has the colours of all boosted modes in force.
 
     Args:
         run: The evaluated recording.
@@ -55,9 +55,8 @@ def _draw_arm(run: EvaluatedRecording, axes: Axes) -> None:
 def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
     """Draw the measured path of the tip in the arm's plane, in the colours of the modes.
 
-    Each point has the colour of the strongest mode that any actuator has at that time. The order of
-    strength is N (main pump alone), DB (own servo pump), SB (shared rail). Points that are closer
-    than about PATH_STEP along the path are skipped. Each mode has a label for the legend.
+    Points that are closer than about PATH_STEP along the path are skipped, unless a mode changes
+    there. Each mode has a label for the legend.
 
     Args:
         run: The evaluated recording.
@@ -65,17 +64,11 @@ def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
     """
     tip = run.machine.project_to_plane(run.tip.measured)
     travelled = np.cumsum(np.hypot(*np.diff(tip, axis=0, prepend=tip[:1]).T))
-    mode = find_strongest_modes(run.modes.modes_at_many(run.tip.time_ns)).astype(np.int64)
-    kept = np.flatnonzero(np.diff(np.floor(travelled / PATH_STEP), append=np.inf) > 0)
-    axes.plot(*tip[kept].T, color="white", linewidth=4.5)
-    starts = np.flatnonzero(np.diff(mode, prepend=-1))
-    for begin, end in zip(starts, [*starts[1:], len(mode) - 1], strict=True):
-        inside = kept[(kept > begin) & (kept < end)]
-        rows = np.concatenate([[begin], inside, [end]])
-        axes.plot(*tip[rows].T, color=PATH_COLOR[Mode(mode[begin])], linewidth=2.0)
-    for each, color in PATH_COLOR.items():
-        who = "an actuator" if BOOSTED_MODES[each] else "all actuators"
-        axes.plot([], [], color=color, linewidth=2.0, label=f"tip, {who} in {each.name}")
+    modes = run.modes.modes_at_many(run.tip.time_ns)
+    far = np.diff(np.floor(travelled / PATH_STEP), append=np.inf) > 0
+    kept = far | np.any(np.diff(modes.astype(np.int64), axis=0, prepend=-1) != 0, axis=1)
+    axes.plot(*tip[kept].T, color="white", linewidth=1.4 * max(PATH_WIDTH.values()))
+    draw_tip_path(tip[kept], modes[kept], axes)
 
 
 def _draw_goals(run: EvaluatedRecording, axes: Axes) -> None:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from mhsb_model.figure_style import BLACK, BLUE, GREY, PATH_COLOR, Axes, legend_above, open_figure
-from mhsb_model.modes import BOOSTED_MODES, find_strongest_modes, format_pattern
+from mhsb_model.figure_style import BLACK, BLUE, GREY, Axes, legend_above, open_figure
+from mhsb_model.modes import format_pattern
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_tools.moves.move_page import draw_tip_path
 from mhsb_tools.moves.operating_regions import determine_operating_regions
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
@@ -93,17 +94,13 @@ def _draw_arms(runs: Runs, path: DiscretePath, axes: Axes) -> None:
 
 
 def _draw_tip(fit: FittedRun, axes: Axes) -> None:
-    """Draw the tip's path in a trajectory, coloured by the strongest mode of all actuators.
+    """Draw the tip's path in a trajectory in the colours of all boosted modes in force.
 
     Args:
         fit: The sampled trajectory and its modes.
         axes: Axes to draw on: x and z of the tip [m].
     """
-    modes = find_strongest_modes(fit.modes)
-    for mode, color in PATH_COLOR.items():
-        tip = np.where((modes == mode)[:, None], fit.profile.tip, np.nan)
-        what = f"an actuator in {mode.name}" if BOOSTED_MODES[mode] else f"all in {mode.name}"
-        axes.plot(*tip.T, color=color, linewidth=2.0, label=f"trajectory (S3), {what}")
+    draw_tip_path(fit.profile.tip, fit.modes, axes, "trajectory (S3)")
 
 
 def _path_rows(runs: Runs, fits: FittedRuns, name: str) -> Iterator[tuple[Any, ...]]:

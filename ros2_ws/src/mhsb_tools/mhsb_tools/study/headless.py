@@ -15,7 +15,7 @@ from mhsb_model.command import Command
 from mhsb_model.goal import Goal, format_position
 from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner import kernel_parts as planner_kernels
 from mhsb_planner.deadline import Deadline
@@ -28,6 +28,7 @@ from mhsb_sim.simulation import kernel_parts as simulator_kernels
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.moves.move import MoveRecord
+from mhsb_tools.moves.supply_systems import compute_single_supply
 from mhsb_tools.study.energy_comparison import EnergyPart
 
 SAMPLE_NS = SECOND_NS // 100
@@ -329,12 +330,21 @@ def convert_to_move(
         for each in elements
         if each.name != TOTAL_NAME
     }
+    given = -sum(energy[name] for name in SUPPLY_NAMES.values())
+    time = samples.time - samples.time[0]
+    followed = Trajectory(
+        0,
+        np.rint(SECOND_NS * time).astype(np.int64),
+        samples.reference,
+        samples.reference_velocity,
+        samples.reference_acceleration,
+    )
     places = ", ".join(format_position(goal.position, "g") for goal in goals)
     return MoveRecord(
         machine=machine,
         title=f"To {places}, as simulated",
         goals=tuple(goal.position for goal in goals),
-        time=samples.time - samples.time[0],
+        time=time,
         position=samples.position,
         reference=samples.reference,
         modes=samples.modes,
@@ -343,5 +353,6 @@ def convert_to_move(
         supply=samples.supply_pressure,
         chambers={"cap side": samples.cap_pressure, "rod side": samples.rod_pressure},
         energy=energy,
-        energy_source="the simulator's audit",
+        energy_title="energy as simulated:\n"
+        + compute_single_supply(machine, followed).describe_saving(given),
     )

@@ -22,7 +22,6 @@ from viser import ViserServer
 from mhsb_model.arm_reports import SimulatorReport
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import (
     actuator_states,
     endpoints,
@@ -36,13 +35,12 @@ from mhsb_msgs_py import (
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.topics import Topic
 from mhsb_planner.planners.registry import PLANNER_KINDS
-from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.ros.goal_sender import GoalSender
+from mhsb_tools.moves.operating_regions import OperatingRegions
+from mhsb_tools.moves.workspace_points import find_hold_regions
 from mhsb_tools.viewer.ability_scene import (
-    UNMOVABLE_REGION,
     PolytopeScene,
     RegionScene,
-    compute_boost_regions,
 )
 from mhsb_tools.viewer.arm_scene import FRAME_PERIOD, ArmScene
 from mhsb_tools.viewer.energy_flow import EnergyCounter
@@ -228,53 +226,45 @@ class ViewerNode(GoalSender):
             self._start_computing_regions()
 
     def _start_computing_regions(self) -> None:
-        """Start a thread that computes which mode the arm needs at each tip position of a grid.
+        """Start a thread that finds where the arm holds its load, as the command `check` does.
 
-        It uses the payload for which the planner plans, and the posture table; if that is not
-        cached, the thread builds it first. It takes seconds, and a sentence on the page says that
-        it has begun. The thread of the ROS node then draws the result.
+        It uses the payload for which the planner plans. It takes seconds, and a sentence on the
+        page says that it has begun. The thread of the ROS node then draws the result.
         """
         machine, payload = self._machine, self._payload
 
         def compute_regions() -> None:
-            """Compute the mode that the arm needs at each grid node of the posture table.
+            """Find where the arm holds its load, and let the thread of the ROS node draw it.
 
-            Uses `machine` and `payload` of the enclosing function. Runs in a separate thread. The
-            thread of the ROS node draws the result.
+            Uses `machine` and `payload` of the enclosing function. Runs in a separate thread.
             """
-            table = load_or_build_table(machine)
-            needed = compute_boost_regions(machine.changed(payload=payload).planar_arm, table)
-            places = (table.nodes * table.spacing).astype(np.float64)
-            self._show_regions(payload, places, needed)
+            self._show_regions(payload, find_hold_regions(machine.changed(payload=payload)))
 
         self._panel.add_sentence("looking at where boost is needed …")
         threading.Thread(target=compute_regions, daemon=True).start()
 
     @_in_node_thread
-    def _show_regions(self, payload: float, places: FloatArray, needed: IntArray) -> None:
-        """Draw the points of the workspace in the colours of the modes that they need.
-
-        A sentence on the page says how many points need each mode.
+    def _show_regions(self, payload: float, regions: OperatingRegions) -> None:
+        """Draw where the arm holds its load, and count these points in a sentence on the page.
 
         If the user has switched the regions off, nothing happens. If the payload has changed since
         the computation began, a new computation is started instead.
 
         Args:
-            payload: Payload for which the modes were computed [kg].
-            places: Points (x, z) in the arm's plane, shape (k, 2) [m].
-            needed: Code of the mode that each point needs, int64 (k,). UNMOVABLE_REGION means that
-                no mode is enough.
+            payload: Payload for which the regions were computed [kg].
+            regions: Points that the arm reaches, and what holds the load there.
         """
         if not self._shown_abilities[1]:
             return
         if payload != self._payload:
             self._start_computing_regions()
             return
-        self._regions.show(places, needed)
-        count = [int((needed == code).sum()) for code in range(UNMOVABLE_REGION + 1)]
+        self._regions.show(regions)
+        reached, boosted = len(regions.nodes), int(regions.needs_boost.sum())
+        heavy = int(regions.beyond_highest_boost.sum())
         self._panel.add_sentence(
-            f"with {payload:g} kg, of {len(needed)} points {count[0]} need N alone, {count[1]} DB, "
-            f"{count[2]} SB, for {count[3]} nothing will do"
+            f"with {payload:g} kg, of {reached} points in reach {reached - boosted - heavy} are "
+            f"held in N, {boosted} need boost, {heavy} cannot be held"
         )
 
     # --- Heard -----------------------------------------------------------------------------------

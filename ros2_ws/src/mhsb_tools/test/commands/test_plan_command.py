@@ -1,6 +1,7 @@
 """The command plan: what it prints and writes, and starts beyond joint limits."""
 
 import json
+import re
 
 import pytest
 
@@ -47,6 +48,11 @@ def test_the_text_has_the_driven_modes_and_the_motion(capsys):
     assert "actuator_1: N throughout" in words
     assert "N-N-N" not in words
     assert "above the lower bound of" in words
+    (compared,) = (line for line in words.splitlines() if line.startswith("compare:"))
+    own, percent, _, other = map(float, re.findall(r"[\d.]+", compared))
+    assert f"{own:.1f} J with the pumps in series" in words or f"energy:   {own:.1f} J\n" in words
+    assert percent == round(100 * abs(1.0 - own / other))
+    assert ("saves" in compared) is (own <= other)
     first, *rows = words.splitlines()[-SHOWN_INSTANTS - 1 :]
     assert first.split()[:4] == ["time", "[s]", "x", "[m]"]
     assert [float(value) for value in rows[0].split()[:3]] == [0.0, 0.55, -0.05]

@@ -1,5 +1,7 @@
 """A planned move has the plan's pressures, forces and energy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,14 +26,41 @@ def move(machine, plan):
     return move_of_plan(machine, plan, get_paper_case("3-2").goal, "Case 3-2")
 
 
-def test_the_picture_and_the_text_name_the_same_energies(plan, move):
+def test_the_picture_and_the_text_name_the_same_energy(plan, move):
     paper, series = f"{plan.energy.paper:.1f} J", f"{plan.energy.series:.1f} J"
     assert paper != series
-    readings = f"{paper} in reading paper, {series} in reading series"
-    assert f"energy:   {readings}" in str(plan)
-    assert f"{readings} (drawn)" in move.energy_source.replace("\n", " ")
+    assert f"{paper} by the paper's formula, {series} with the pumps in series" in str(plan)
+    assert f"with the pumps in series:\n{series}, saves " in move.energy_title
     pumps = -move.energy["main pump"] - move.energy["servo pumps"]
     assert f"{pumps:.1f} J" == series
+
+
+def test_the_picture_names_the_saving_against_the_highest_pressure_that_the_motion_needs(
+    plan, move
+):
+    m = move.machine.arrays
+    strokes = np.diff([move.machine.cylinder_lengths(q) for q in move.position], axis=0)
+    oil = (np.where(strokes > 0.0, m.cap_area, m.rod_area) * np.abs(strokes)).sum()
+    pressure = move.chambers[NEEDED].max()
+    ratio = (pressure - m.tank_pressure) / (m.supply_pressure - m.tank_pressure)
+    leaked = 3 * m.leakage_flow * np.sqrt(ratio) * move.duration
+    share = 1.0 - plan.energy.series / (pressure * (oil + leaked))
+    assert share > 0.1
+    assert f"saves {100 * share:.0f} % against one pump at constant" in move.energy_title
+    assert f" {pressure / 1e6:.1f} MPa (" in move.energy_title
+
+
+def test_the_heading_names_a_rest_at_the_end_and_no_other(move):
+    assert move.heading == f"Case 3-2: {move.duration:.2f} s"
+    later = move.time[-1] + np.arange(1, 51) / 100.0
+    held = np.repeat(move.position[-1:], 50, axis=0)
+    rested = replace(
+        move,
+        time=np.concatenate([move.time, later]),
+        position=np.vstack([move.position, held + 1e-3]),
+        reference=np.vstack([move.position, held]),
+    )
+    assert rested.heading == f"Case 3-2: {move.duration + 0.5:.2f} s, the last 0.5 s at rest"
 
 
 def test_it_begins_and_ends_where_the_case_does(move):

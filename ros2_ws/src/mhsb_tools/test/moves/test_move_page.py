@@ -92,13 +92,45 @@ def test_a_plan_is_drawn_for_a_notebook_without_a_file_and_without_pyplot(
     assert isinstance(plot_plan(plan, "plan.png"), Figure)
 
 
+def test_a_path_shows_all_boosted_modes_that_are_in_force_at_a_time():
+    modes = np.array([[0, 0], [1, 0], [1, 2], [0, 2], [0, 0], [0, 0]], dtype=np.uint8)
+    assert list(move_page.yield_path_spans(modes)) == [
+        (0, 1, Mode.N),
+        (4, 5, Mode.N),
+        (2, 4, Mode.SB),
+        (1, 3, Mode.DB),
+    ]
+    axes = Figure().subplots()
+    move_page.draw_tip_path(np.arange(12.0).reshape(6, 2), modes, axes)
+    wide, narrow = axes.lines[2:4]
+    assert (wide.get_color(), narrow.get_color()) == (PATH_COLOR[Mode.SB], PATH_COLOR[Mode.DB])
+    assert wide.get_linewidth() > 2.0 * narrow.get_linewidth()
+    labels = [line.get_label() for line in axes.lines[4:]]
+    assert labels == ["tip, all actuators in N", "tip, an actuator in DB", "tip, an actuator in SB"]
+
+
+def test_a_supply_line_stays_visible_where_another_pressure_equals_it(move):
+    panels = Figure().subplots(1, 3)
+    move_page._draw_pressures(replace(move, chambers={"needed": move.supply}), panels)
+    supply, needed = panels[0].lines[:2]
+    assert (supply.get_label(), needed.get_label()) == ("supply line", "needed")
+    assert supply.get_zorder() <= needed.get_zorder()
+    assert supply.get_linewidth() >= 2.0 * needed.get_linewidth()
+
+
 def test_regions_have_a_legend_and_nothing_else_has_the_colours_of_boosted_modes(move):
     figure = Figure()
     panels = figure.subplots(1, 3)
     move_page._draw_regions(move, panels)
     (legend,) = figure.legends
     words = [text.get_text() for text in legend.get_texts()]
-    assert words == ["N is enough", "DB is enough", "SB is enough", "the move"]
+    assert words == [
+        f"{words}{mode}{more}"
+        for mode in ("N", "DB", "SB")
+        for words, more in (("", " is enough"), ("the move, in ", ""))
+    ]
+    lines = [each.get_color() for each in legend.get_lines()]
+    assert lines == list(PATH_COLOR.values())
     boosted = {colors[mode] for colors in (MODE_COLOR, PATH_COLOR) for mode in (Mode.DB, Mode.SB)}
     others = {*JOINT_COLORS, *move_page.ITEM_COLORS.values(), *SET_COLORS.values()}
     assert not boosted & others
@@ -113,7 +145,7 @@ def test_a_machine_without_boosters_has_no_other_modes_on_its_page(move):
     move_page._draw_regions(alone, np.array(regions))
     move_page.draw_mode_bars(alone, bars)
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert legend == ["N is enough", "the move"]
+    assert legend == ["N is enough", "the move, in N"]
     assert bars.get_legend_handles_labels()[1] == ["N"]
 
 

@@ -14,6 +14,7 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.moves.supply_systems import (
     MotionLoads,
     PumpMap,
+    SingleSupply,
     baselines,
     compute_constant_pressure_energy,
     compute_loads,
@@ -118,7 +119,17 @@ def test_a_single_supply_fills_all_strokes_and_leaks_at_the_highest_needed_press
     leaked = 3 * m.leakage_flow * np.sqrt(ratio) * trajectory.duration_ns / 1e9
     assert found.energy_j == pytest.approx(found.pressure * (oil + leaked), rel=1e-3)
     assert found.pressure > m.supply_pressure
-    assert f"at constant {found.pressure / 1e6:.1f} MPa: {found.energy_j:.1f} J" in str(found)
+
+
+def test_the_saving_is_in_per_cent_of_the_energy_of_one_pump() -> None:
+    one_pump = SingleSupply(7.06e6, 800.0)
+    assert one_pump.describe_saving(576.0) == (
+        "576.0 J, saves 28 % against one pump at constant 7.1 MPa (800.0 J)"
+    )
+    assert one_pump.describe_saving(840.0) == (
+        "840.0 J, costs 5 % more than one pump at constant 7.1 MPa (800.0 J)"
+    )
+    assert "saves 0 % against" in SingleSupply(4e6, 0.0).describe_saving(0.0)
 
 
 def test_load_sensing_agrees_with_quadrature_over_the_motion(machine: Machine, lift) -> None:

@@ -18,6 +18,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from tests.support.messages import encode_schedule, encode_trajectory
 
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
@@ -89,6 +90,30 @@ class Story:
         else:
             boost = max(0.0, load / m.servo_pump_efficiency - m.supply_pressure)
         return float(m.supply_pressure * volume + boost * leaked)
+
+    @property
+    def needed_pressure(self) -> float:
+        """Lowest constant pressure [Pa] that drives and holds all joints, by balances of forces."""
+        m, needed = self.machine.arrays, []
+        for time in np.arange(0.0, DURATION, 0.01):
+            state = followed(time)
+            speed = self.machine.moment_arms(state.position) * state.velocity
+            for j, force in enumerate(self.machine.piston_forces(state.position)):
+                cap, rod = m.cap_area[j], m.rod_area[j]
+                out = (force + rod * m.tank_pressure) / cap
+                back = (cap * m.tank_pressure - force) / rod
+                extends = speed[j] > 0.0 if abs(speed[j]) > MAX_HELD_SPEED else force > 0.0
+                drop = (speed[j] / m.valve_coefficient[j]) ** 2 * (cap**3 + rod**3)
+                needed.append((out if extends else back) + drop / (cap if extends else rod))
+        return float(max(needed) + m.boost_margin)
+
+    def energy_at(self, pressure: float) -> float:
+        """Energy [J] of one pump at a constant pressure [Pa] between the simulator's reports."""
+        m = self.machine.arrays
+        stroke = self.machine.cylinder_lengths(RAISED) - self.machine.cylinder_lengths(FOLDED)
+        ratio = (pressure - m.tank_pressure) / (m.supply_pressure - m.tank_pressure)
+        volume = (m.cap_area + m.rod_area) @ np.abs(stroke)
+        return float(pressure * (volume + 3 * m.leakage_flow * np.sqrt(ratio) * 11.0))
 
 
 def ns(time: float) -> int:

@@ -7,9 +7,11 @@ import pytest
 
 from mhsb_model.modes import Mode
 from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.recording import ActuatorTable
 from mhsb_tools.report import report_command
 from mhsb_tools.report.recorded_moves import cut_into_moves, get_whole_run_as_move
+from mhsb_tools.report.recorded_run import evaluate_recording
 
 
 def test_a_move_lasts_from_its_take_over_to_the_next_or_to_its_rest(run):
@@ -34,6 +36,17 @@ def test_a_move_has_what_was_recorded_at_its_instants(run):
     )
     assert whole.modes[-1, 0] == Mode.DB
     assert np.abs(whole.position - whole.reference).max() < 3e-3
+
+
+def test_a_recorded_move_says_how_long_it_rests_at_its_end(run):
+    *_, last = cut_into_moves(run)  # moves from 6 s up to the sample before 10 s, then rests
+    assert last.heading.endswith("reached: 4.49 s, the last 0.5 s at rest")
+
+
+def test_without_reports_of_the_pumps_no_measured_energy_is_named(idle_bag, machine):
+    idle = evaluate_recording(read_recording(idle_bag), machine)
+    whole, _ = get_whole_run_as_move(idle, "all")
+    assert whole.energy_title.startswith("energy: not measured; drawn by the planner's model:")
 
 
 def test_the_energy_of_a_move_closes(run):

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from mhsb_model.figure_style import MODE_COLOR, VERMILION
 from mhsb_model.machine import load_machine
+from mhsb_model.modes import Mode
 from mhsb_planner.posture.s1_polytope import compute_polytope_area
+from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.viewer.ability_scene import (
     POLYTOPE_SCALE,
-    UNMOVABLE_REGION,
     PolytopeScene,
     RegionScene,
 )
@@ -38,10 +40,15 @@ def test_the_outline_at_the_tip_has_the_polytopes_area(server):
     assert scene._outline is not None
 
 
-def test_points_have_the_colour_of_the_mode_that_they_need(server):
+def test_points_are_pale_blue_or_red_by_the_supply_that_holds_the_load(server):
     scene = RegionScene(server.scene)
-    places = np.array([[0.3, 0.1], [0.5, 0.2], [0.6, 0.3], [0.9, 0.4]])
-    scene.show(places, np.array([0, 1, 2, UNMOVABLE_REGION]))
-    assert len({tuple(color) for color in scene._points.colors.tolist()}) == 4
+    nodes = np.array([[6, 2], [10, 4], [12, 6], [18, 8]])
+    boosted = np.array([[False, False], [True, False], [False, False], [True, True]])
+    heavy = np.array([False, False, True, True])
+    scene.show(OperatingRegions(0.05, nodes, boosted, heavy))
+    np.testing.assert_allclose(scene._points.points[:, ::2], 0.05 * nodes, rtol=1e-3)
+    colors = MODE_COLOR[Mode.N], MODE_COLOR[Mode.DB], VERMILION, VERMILION
+    shown = [f"#{bytes(color).hex()}".upper() for color in scene._points.colors.tolist()]
+    assert shown == [color.upper() for color in colors]
     scene.hide()
     assert scene._points is None
