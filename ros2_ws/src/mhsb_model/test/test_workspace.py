@@ -3,10 +3,17 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.workspace import compute_workspace_excess, move_stays_in_workspace
+from mhsb_model.machine import load_machine
+from mhsb_model.workspace import (
+    MOVE_SAMPLES,
+    WORKSPACE_TOLERANCE,
+    compute_workspace_excess,
+    move_stays_in_workspace,
+)
 
 postures = st.tuples(st.floats(-0.8, 1.5), st.floats(-2.0, 0.1), st.floats(-2.1, 0.1)).map(np.array)
 
@@ -39,3 +46,33 @@ def test_moves_that_leave_the_region_are_found(machine, start, end):
         assert beyond < 2e-4
     else:
         assert beyond > 0.0
+
+
+def stays_at_samples(machine, start, end):
+    """Whether the tip stays inside at the samples of a move, by forward kinematics in NumPy."""
+    m = machine.arrays
+
+    def excess(q):
+        angle = np.cumsum(np.where(m.turns, q, 0.0))
+        length = m.link_length + np.where(m.slides, q, 0.0)
+        x, z = length @ np.cos(angle), length @ np.sin(angle)
+        radius = math.hypot(x, z)
+        return max(m.min_x - x, m.min_radius - radius, radius - m.max_radius)
+
+    allowed = max(0.0, excess(start), excess(end)) + WORKSPACE_TOLERANCE
+    shares = np.arange(1, MOVE_SAMPLES + 1) / (MOVE_SAMPLES + 1)
+    return all(excess(start + share * (end - start)) <= allowed for share in shares)
+
+
+@pytest.mark.parametrize("name", ["mhsb_arm3", "telescope_arm"])
+def test_a_bound_proves_only_moves_that_stay_inside_at_all_samples(name, fresh_seed):
+    machine, random = load_machine(name), np.random.default_rng(fresh_seed)
+    plane = machine.planar_arm
+    a, count = plane.arrays, {True: 0, False: 0}
+    for _ in range(2000):
+        start, end = random.uniform(a.joint_min, a.joint_max, (2, plane.joint_count))
+        end = start + random.choice([0.05, 0.3, 1.0]) * (end - start)
+        stays = stays_at_samples(plane, start, end)
+        assert move_stays_in_workspace(a, start, end) == stays
+        count[stays] += 1
+    assert min(count.values()) > 20

@@ -317,8 +317,9 @@ def yield_lattice_paths(
     than the incumbent and runs within one spacing of it.
 
     The function ends after the finest lattice, with or without a path. It ends earlier if the
-    incumbent is close to the lower bound (MIN_LATTICE_GAP) or the time is up. With an incumbent it
-    also ends as soon as `_max_expansions` states have been expanded.
+    incumbent is close to the lower bound (MIN_LATTICE_GAP) or the time is up. All searches together
+    may expand `_max_expansions` states. With an incumbent, the function also ends if no more are
+    left than the search before by the same cost model took, since finer lattices take more.
 
     Args:
         problem: The search problem: start, goal postures, cost model, effort limits and deadline.
@@ -329,17 +330,20 @@ def yield_lattice_paths(
         from the lattice. The value None is yielded after QUICK_LATTICE_COUNT lattices, and before
         each lattice in the second half of the time. The caller can then try something else.
     """
+    taken = [0, 0]
     for number, spacing in enumerate(lattice_spacings(problem, best)):
         if number == QUICK_LATTICE_COUNT or problem.progress.is_half_over:
             yield None
         if best is not None and may_be_improved(problem, best, MIN_LATTICE_GAP):
             best = refine(problem, best, spacing)
             yield best
-        for priced_by in _lattice_cost_models(problem.cost_model, best):
-            spent = best is not None and problem.expanded >= _max_expansions(problem, best)
-            if spent or not may_be_improved(problem, best, MIN_LATTICE_GAP):
+        for k, priced_by in enumerate(_lattice_cost_models(problem.cost_model, best)):
+            before = problem.expanded
+            lacks = best is not None and taken[k] >= _max_expansions(problem, best) - before
+            if lacks or not may_be_improved(problem, best, MIN_LATTICE_GAP):
                 return
             found = search_lattice(problem, priced_by, best, spacing)
+            taken[k] = problem.expanded - before
             if found is None and best is None:
                 break
             if found is not None and (best is None or not _runs_beside(found, best, spacing)):

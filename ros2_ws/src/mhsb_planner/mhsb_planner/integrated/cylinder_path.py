@@ -29,7 +29,10 @@ from mhsb_model.modes import Mode
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_model.workspace import compute_workspace_excess
+from mhsb_model.workspace import (
+    compute_workspace_excess,
+    move_between_tips_stays_in_workspace,
+)
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import bound_cost_between
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, compute_step_area_loss
@@ -43,7 +46,6 @@ from mhsb_planner.search.s2_step import (
     Postures,
     StepBuffers,
     compute_hydraulic_coefficients,
-    compute_middle_forces,
     create_step_buffers,
     price_steps_to_node,
 )
@@ -67,8 +69,8 @@ from its path could need boost where the path needs none.
 """
 
 CACHED_MACHINE_COUNT = 4
-"""Number of machine objects whose coefficients are kept [-]: one for V_max, and one for each lower
-speed that is tried.
+"""Number of machine objects whose coefficients and numbers of mode switches are kept [-]: one for
+V_max, and one for each lower speed that is tried.
 """
 
 MIDDLE_POINT = 2
@@ -136,7 +138,7 @@ def cost_model(
         machine.arrays,
         circuit,
         patterns,
-        frozen(_count_switches(patterns, start_modes)),
+        _count_switches(machine, start_modes.tobytes()),
         frozen(weight),
         column,
         area,
@@ -161,20 +163,23 @@ def _compute_held_coefficients(machine: Machine) -> HydraulicCoefficients:
     return circuit._replace(rest_speed=MAX_HELD_SPEED)
 
 
-def _count_switches(patterns: ModeArray, start_modes: ModeArray) -> IntArray:
+@lru_cache(maxsize=CACHED_MACHINE_COUNT)
+def _count_switches(machine: Machine, start_modes: bytes) -> IntArray:
     """Count the actuators that change their mode from one mode combination to another.
 
+    The result is kept for later calls with the same machine object and modes.
+
     Args:
-        patterns: Mode combinations, shape (patterns, n).
-        start_modes: Modes in force at the start, shape (n,).
+        machine: The arm without a slewing joint; gives the mode combinations.
+        start_modes: Codes of the modes in force at the start, one byte for each actuator.
 
     Returns:
-        Counts, shape (patterns + 1, patterns). Row: combination before; the last row stands for
-        `start_modes`. Column: combination after.
+        Counts, read-only, shape (patterns + 1, patterns). Row: combination before; the last row
+        stands for `start_modes`. Column: combination after.
     """
-    before = np.vstack([patterns, start_modes])
-    switches: IntArray = (before[:, None] != patterns).sum(axis=-1)
-    return switches
+    patterns = machine.patterns
+    before = np.vstack([patterns, np.frombuffer(start_modes, dtype=np.uint8)])
+    return frozen((before[:, None] != patterns).sum(axis=-1))
 
 
 def without_leakage_cost(t: PathCostModel) -> PathCostModel:
@@ -265,20 +270,14 @@ def place_posture(
     piston_forces(m, points.posture[i], points.force[i])
 
 
-@kernel(borrows=True)
-def _workspace_excess(m: MachineArrays, posture: FloatArray) -> float:
-    """Return the distance of the tip outside the workspace [m]; negative inside."""
-    x, z = tip_position(m, posture)
-    return compute_workspace_excess(m, x, z)
-
-
 @kernel(inline="always")
 def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     """Return whether the tip leaves the workspace between points[here] and points[1 - here].
 
     Both ends of the move are checked. If an end is nearer to the edge than WORKSPACE_EDGE_DISTANCE,
     the posture half-way in cylinder lengths is checked, too. An excess of WORKSPACE_TOLERANCE is
-    allowed. A move that starts farther outside must not increase its excess.
+    allowed. A move that starts farther outside must not increase its excess. Last, the straight
+    move in joint space is checked (`move_between_tips_stays_in_workspace`).
 
     Args:
         m: Arrays of the machine.
@@ -288,21 +287,25 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     Returns:
         True if the move leaves the workspace.
     """
+    start, goal = points.posture[here], points.posture[1 - here]
+    tips = tip_position(m, start), tip_position(m, goal)
     begin, end = (
-        _workspace_excess(m, points.posture[here]),
-        _workspace_excess(m, points.posture[1 - here]),
+        compute_workspace_excess(m, tips[0][0], tips[0][1]),
+        compute_workspace_excess(m, tips[1][0], tips[1][1]),
     )
     allowed = max(WORKSPACE_TOLERANCE, begin)
     if end > allowed:
         return True
-    if max(begin, end) < -WORKSPACE_EDGE_DISTANCE:
-        return False
-    for j in range(points.length.shape[1]):
-        length = 0.5 * (points.length[0, j] + points.length[1, j])
-        points.posture[MIDDLE_POINT, j] = find_joint_angle(
-            m.linkage[j], length, m.joint_min[j], m.joint_max[j], points.posture[here, j]
-        )
-    return _workspace_excess(m, points.posture[MIDDLE_POINT]) > allowed
+    if max(begin, end) >= -WORKSPACE_EDGE_DISTANCE:
+        for j in range(points.length.shape[1]):
+            length = 0.5 * (points.length[0, j] + points.length[1, j])
+            points.posture[MIDDLE_POINT, j] = find_joint_angle(
+                m.linkage[j], length, m.joint_min[j], m.joint_max[j], start[j]
+            )
+        x, z = tip_position(m, points.posture[MIDDLE_POINT])
+        if compute_workspace_excess(m, x, z) > allowed:
+            return True
+    return not move_between_tips_stays_in_workspace(m, start, goal, tips)
 
 
 @kernel(borrows=True)
@@ -333,7 +336,9 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
         m, t.obstacles, posture[here], posture[there], True
     ):
         return STEP_INADMISSIBLE
-    compute_middle_forces(m, posture[here], posture, there, w.middle)
+    for j in range(posture.shape[1]):
+        posture[MIDDLE_POINT, j] = 0.5 * (posture[here, j] + posture[there, j])
+    piston_forces(m, posture[MIDDLE_POINT], w.middle[0])
     moves = NodeMoves(w.points, here, w.points, there, 1, w.owner[there], w.middle)
     status = price_steps_to_node(t.circuit, t.patterns, moves, w.scratch)
     if t.area.weight > 0.0 and status != STEP_INADMISSIBLE:
@@ -659,6 +664,7 @@ class PathPieces(NamedTuple):
         pattern: Index of the mode combination of each piece, shape (pieces,).
         price: Cost of each piece, shape (pieces, 3): duration [s], energy in the reading `paper`
             [J], energy in the reading `series` [J].
+        holding_switches: Number of switches after the last piece, to the modes that hold the arm.
     """
 
     cost: float
@@ -666,12 +672,13 @@ class PathPieces(NamedTuple):
     posture: FloatArray
     pattern: IntArray
     price: FloatArray
+    holding_switches: int
 
 
 @kernel
 def compute_pieces(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
-) -> tuple[float, FloatArray, FloatArray, IntArray, FloatArray]:
+) -> tuple[float, FloatArray, FloatArray, IntArray, FloatArray, int]:
     """Cut a cylinder path into pieces, and choose the cheapest sequence of mode combinations.
 
     The cost equals the result of `price_path` to the last bit.
@@ -698,7 +705,7 @@ def compute_pieces(
     for row in range(pieces):
         place_posture(t.machine, w.points, 1 - here, end[row], here)
         if _extend_by_piece(t, w, here) == math.inf:
-            return math.inf, tip, posture, pattern, price
+            return math.inf, tip, posture, pattern, price, 0
         copy_row(parent[row], w.parent)
         for p in range(patterns):
             copy_row(every[row, p], w.scratch.cost[p])
@@ -706,12 +713,14 @@ def compute_pieces(
         copy_row(posture[row + 1], w.points.posture[here])
         tip[row + 1, 0], tip[row + 1, 1] = tip_position(t.machine, posture[row + 1])
     cost = _add_holding_switches(t, w, here)
-    pattern[-1] = np.argmin(w.value[here, :-1])
+    last = np.argmin(w.value[here, :-1])
+    pattern[-1] = last
     for k in range(pieces - 1, -1, -1):
         copy_row(price[k], every[k, pattern[k]])
         if k > 0:
             pattern[k - 1] = parent[k, pattern[k]]
-    return cost, tip, posture, pattern, price
+    holding = count_switches_to_hold(t.machine, w.points.force[here], t.patterns[last])
+    return cost, tip, posture, pattern, price, holding
 
 
 def to_discrete_path(
@@ -737,12 +746,7 @@ def to_discrete_path(
     Returns:
         The discrete path.
     """
-    price, modes, force = (
-        frozen(pieces.price.T),
-        frozen(t.patterns[pieces.pattern]),
-        np.empty(len(start_modes)),
-    )
-    piston_forces(t.machine, pieces.posture[-1], force)
+    price, modes = frozen(pieces.price.T), frozen(t.patterns[pieces.pattern])
     for own in (pieces.tip, pieces.posture):
         own.setflags(write=False)  # the path then needs no copies
     return DiscretePath(
@@ -755,5 +759,5 @@ def to_discrete_path(
         cost=cost,
         start_modes=start_modes,
         statistics=statistics,
-        holding_switches=count_switches_to_hold(t.machine, force, modes[-1]),
+        holding_switches=pieces.holding_switches,
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
+from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ class DiscretePath:
             values = np.asarray(getattr(self, name), dtype=float)
             object.__setattr__(self, name, as_frozen(values))
         for name in ("modes", "start_modes"):
-            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=np.uint8)))
+            codes = np.asarray(getattr(self, name), dtype=np.uint8)
+            object.__setattr__(self, name, as_frozen(codes))
 
     @classmethod
     def create_without_steps(

@@ -108,8 +108,8 @@ class PathQuery:
             True by `is_goal_met`, with the tolerance SAME_POINT for tip [m] and angle ψ [rad].
         """
         posture = np.array(self.start_posture, dtype=np.float64)
-        tip, angle = machine.tip_position(posture), machine.end_link_angle(posture)
-        region, psi = self.goal_region, self.goal_psi
+        region, psi, tip = self.goal_region, self.goal_psi, machine.tip_position(posture)
+        angle = 0.0 if psi is None else machine.end_link_angle(posture)
         return is_goal_met(self.goal_xz, region, psi, tip, angle, SAME_POINT, SAME_POINT)
 
 
