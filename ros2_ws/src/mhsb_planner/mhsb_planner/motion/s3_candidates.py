@@ -17,7 +17,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.motion.limits.limit import TimeScaling
+from mhsb_planner.motion.limits.limit import TimeScaling, Violation
 from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_following import compute_followed_path
@@ -207,6 +207,8 @@ class CurveCandidate:
         ramp_factor: Factor on the duration of the ramps that is tried first [-].
         max_ramp_factor: Largest factor on the duration of the ramps [-]. They become longer if the
             pressure is too low.
+        lack_with_shorter_ramps: Lack of pressure for which the ramps were made longer; None if they
+            are as in the first trial.
     """
 
     path: DiscretePath
@@ -223,6 +225,29 @@ class CurveCandidate:
     max_stretch: float | None = None
     ramp_factor: float = 1.0
     max_ramp_factor: float = 1.0
+    lack_with_shorter_ramps: Violation | None = None
+
+    def may_mend(self, lack: Violation) -> bool:
+        """Return whether longer ramps may mend a lack of pressure for inertia.
+
+        Args:
+            lack: Violation of this curve. If shorter ramps left it just as it is, ramps have no
+                effect there. This is common in the motion to rest before the path.
+
+        Returns:
+            False if ramps have no effect on the lack, or are as long as they may become.
+        """
+        return self.ramp_factor < self.max_ramp_factor and lack != self.lack_with_shorter_ramps
+
+    def with_longer_ramps(self, growth: float, lack: Violation) -> CurveCandidate:
+        """Return this curve with longer ramps.
+
+        Args:
+            growth: Factor by which the ramps become longer [-], limited by `max_ramp_factor`.
+            lack: Lack of pressure for which they become longer.
+        """
+        longer = min(self.max_ramp_factor, growth * self.ramp_factor)
+        return replace(self, ramp_factor=longer, lack_with_shorter_ramps=lack)
 
 
 def iterate_candidates(

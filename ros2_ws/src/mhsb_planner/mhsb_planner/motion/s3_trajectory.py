@@ -451,10 +451,10 @@ def _fit_candidate(
     violation.
 
     Pressures, obstacles and the times between points are checked last. If inertia asks for too
-    much pressure, the fit begins again with longer ramps (changes of speed), up to
-    `candidate.max_ramp_factor`. For other violations, and after that, the steps become longer if
-    `candidate.stretchable` allows it. The curve is also refused if slowing cannot mend a violation,
-    if the path would have to become too slow, or after MAX_STRETCH_ROUNDS.
+    much pressure, the fit begins again with longer ramps (changes of speed), as long as these may
+    help (`CurveCandidate.may_mend`). For other violations, and after that, the steps become longer
+    if `candidate.stretchable` allows it. The curve is also refused if slowing cannot mend a
+    violation, if the path would have to become too slow, or after MAX_STRETCH_ROUNDS.
 
     Args:
         machine: Machine whose joint limits and workspace are widened to include the start.
@@ -499,10 +499,9 @@ def _fit_candidate(
                 return FittedMotion(machine, scheduled, *fit, middles=middles)
             scaling = violation.limit.time_scaling
             is_in_curve = violation.time >= time[first]
-            longest = candidate.max_ramp_factor
-            if scaling is TimeScaling.INERTIA and is_in_curve and ramp_factor < longest:
+            if scaling is TimeScaling.INERTIA and is_in_curve and candidate.may_mend(violation):
                 growth = compute_ramp_growth(machine, profile, middles, scheduled.intervals)
-                longer = replace(candidate, ramp_factor=min(longest, growth * ramp_factor))
+                longer = candidate.with_longer_ramps(growth, violation)
                 return _fit_candidate(machine, limits, modes, longer, rules, deadline)
             if scaling not in candidate.stretchable or not is_in_curve:
                 return violation

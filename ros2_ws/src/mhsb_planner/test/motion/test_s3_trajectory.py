@@ -26,6 +26,8 @@ from mhsb_planner.motion import (
 )
 from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.motion.limits import joint_range
+from mhsb_planner.motion.limits.limit import TimeScaling, Violation
+from mhsb_planner.motion.limits.thrust import THRUST_LIMIT
 from mhsb_planner.motion.s3_candidates import iterate_candidates
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
@@ -165,6 +167,28 @@ def test_the_last_resort_goes_from_node_to_node_at_rest(machine, walk, worst):
     assert motion.method == FitMethod.STEPPED
     assert motion.joint_deviation < 1e-12
     assert_keeps_limits(motion, worst, narrow)
+
+
+def test_ramps_that_leave_a_lack_of_pressure_as_it_was_do_not_become_longer_still(
+    machine, walk, monkeypatch
+):
+    path, lack = walk(np.random.default_rng(0), 6), Violation(THRUST_LIMIT, 0.05, 0.01)
+    rest, rules = MotionState.at_rest(path.posture[0]), FitRules.create_following()
+    first, *_ = iterate_candidates(machine, path, rest, None, None, NORMAL, rules)
+    tried = []
+
+    def curve_at(scale, ramp_factor):
+        tried.append(ramp_factor)
+        return first.curve_at(scale, ramp_factor)
+
+    monkeypatch.setattr(s3_trajectory, "find_violation_between", lambda *_: lack)
+    candidate = replace(first, curve_at=curve_at, stretchable=(TimeScaling.SPEED,))
+    outcome = s3_trajectory._fit_candidate(
+        machine, machine.arrays, NORMAL, candidate, rules, NO_DEADLINE
+    )
+    assert outcome == lack
+    assert 1.0 == min(tried) < max(tried) < candidate.max_ramp_factor
+    assert len(set(tried)) == 2
 
 
 def lifting_path(machine, posture, angle):
