@@ -16,6 +16,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.fault_isolation import (
+    ISOLATION_SETTINGS,
     DisagreeingLine,
     DisagreeingValve,
     FrozenLength,
@@ -71,31 +72,6 @@ class SupervisionLimits:
             UnknownControllerError: No controller has this name.
         """
         return cls(**getattr(get_controller_class(name), "supervision_limits", {}))
-
-
-@dataclass(frozen=True)
-class DetectionSettings:
-    """Tuned numbers of the symptoms of this module, beside their limits.
-
-    Their sensitivity has not been measured: draws of random plants run without supervision.
-    """
-
-    min_duration_samples: int = 5
-    """Number of samples that a pressure must last, one every WATCH_PERIOD_NS, 1 … 100.
-
-    Shorter peaks and dips are ignored. Origin: chosen."""
-    common_loss_share: float = 0.1
-    """Share of P_S that every line lacks if the main pump is the cause, 0 … 1.
-
-    Origin: chosen; droop and check valves take 1 %. It only selects the words of the clause."""
-    full_command_share: float = 0.99
-    """Share of the full command from which on a command counts as saturated, above 0 … 1.
-
-    Origin: chosen; 1 up to rounding."""
-
-
-DETECTION_SETTINGS = DetectionSettings()
-"""Settings of all symptoms of this module."""
 
 
 class FollowingError(Symptom):
@@ -209,7 +185,7 @@ class SupplyLoss(Symptom):
         lacking = self._lasting.update(1.0 - sample.actuators.supply_pressure / self._supply)
         j = int(np.argmax(lacking))
         where = f"the line of {self._names[j]} lacks"
-        if np.min(lacking) > DETECTION_SETTINGS.common_loss_share:
+        if np.min(lacking) > ISOLATION_SETTINGS.common_loss_share:
             where = "all lines lack"
         return Finding(float(lacking[j]), f"{where} {lacking[j]:.2f} of the main pump's pressure")
 
@@ -237,9 +213,9 @@ class Saturation(Symptom):
     def evaluate(self, sample: ArmSample) -> Finding:
         """Update the time for which each command has been saturated, and return the longest.
 
-        A command is saturated if its magnitude is at least `full_command_share`; -1 is saturated,
-        too. One unsaturated sample resets the time of its command to 0. Each call counts as
-        WATCH_PERIOD_NS, so call it once in that period.
+        A command is saturated if its magnitude is 1, up to rounding; -1 is saturated, too. One
+        unsaturated sample resets the time of its command to 0. Each call counts as WATCH_PERIOD_NS,
+        so call it once in that period.
 
         Args:
             sample: State of the arm.
@@ -250,9 +226,8 @@ class Saturation(Symptom):
         """
         of = sample.actuators
         command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
-        self._saturated_samples = np.where(
-            command >= DETECTION_SETTINGS.full_command_share, self._saturated_samples + 1.0, 0.0
-        )
+        saturated = np.isclose(command, 1.0)
+        self._saturated_samples = np.where(saturated, self._saturated_samples + 1.0, 0.0)
         k = int(np.argmax(self._saturated_samples))
         time = float(self._saturated_samples[k]) * WATCH_PERIOD_NS / SECOND_NS
         return Finding(time, f"{self._names[k]} for {time:.2f} s")
@@ -284,7 +259,7 @@ class MinimumFilter:
 
     def __init__(self) -> None:
         """Begin without samples."""
-        self._last: deque[FloatArray] = deque(maxlen=DETECTION_SETTINGS.min_duration_samples)
+        self._last: deque[FloatArray] = deque(maxlen=ISOLATION_SETTINGS.min_duration_samples)
 
     def update(self, now: FloatArray) -> FloatArray:
         """Add a sample, and return the minimum of the last `min_duration_samples` samples.
@@ -297,7 +272,7 @@ class MinimumFilter:
             `min_duration_samples` samples.
         """
         self._last.append(now)
-        if len(self._last) < DETECTION_SETTINGS.min_duration_samples:
+        if len(self._last) < ISOLATION_SETTINGS.min_duration_samples:
             return np.zeros_like(now)
         return np.min(self._last, axis=0)
 

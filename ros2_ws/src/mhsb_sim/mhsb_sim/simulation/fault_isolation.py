@@ -32,11 +32,20 @@ JUMP_NOISE_FACTOR = 6.0
 
 @dataclass(frozen=True)
 class IsolationSettings:
-    """Tolerances of the symptoms that name a failed part.
+    """Tuned numbers of all symptoms, beside their limits.
 
     Their sensitivity has not been measured: draws of random plants run without supervision.
     """
 
+    min_duration_samples: int = 5
+    """Number of samples that a deviation must last, one every WATCH_PERIOD_NS, 1 … 100.
+
+    Shorter peaks and dips of pressures are ignored. A pump's deviation that lasts longer may
+    explain another symptom. Origin: chosen."""
+    common_loss_share: float = 0.1
+    """Share of P_S that every line lacks if the main pump is the cause, 0 … 1.
+
+    Origin: chosen; droop and check valves take 1 %. It only selects the words of the clause."""
     stopped_flow_share: float = 0.05
     """Share of its full flow up to which a servo pump counts as stopped, 0 … 1.
 
@@ -73,10 +82,6 @@ class IsolationSettings:
     """Deviation of a pump that counts, as a share of its full flow, 0 … 1.
 
     Origin: allows three times the machine file's lag, with `pump_failure_time`."""
-    pump_suspicion_time: float = 0.05
-    """Duration of a deviation that may explain another symptom [s], 0.01 … 10.
-
-    Origin: chosen; a quarter of `pump_failure_time`."""
     pump_failure_time: float = 0.2
     """Duration of a deviation that is a failure [s], 0.01 … 10.
 
@@ -84,7 +89,7 @@ class IsolationSettings:
 
 
 ISOLATION_SETTINGS = IsolationSettings()
-"""Settings of all symptoms of this module."""
+"""Settings of all symptoms."""
 
 
 class SilentSensor(Symptom):
@@ -516,7 +521,7 @@ class ServoPumpMonitor:
         """Describe the pumps that have failed, and pumps that may be failing.
 
         A pump may be failing if it has deviated from a healthy pump for longer than
-        `pump_suspicion_time`.
+        `min_duration_samples`.
 
         Args:
             sensed: Readings and commands of this sample.
@@ -524,7 +529,8 @@ class ServoPumpMonitor:
         Returns:
             Clauses separated by commas; empty if there is no such pump.
         """
-        late = np.flatnonzero(self._lasting > ISOLATION_SETTINGS.pump_suspicion_time).tolist()
+        least = ISOLATION_SETTINGS.min_duration_samples * WATCH_PERIOD
+        late = np.flatnonzero(self._lasting > least).tolist()
         new = [self._describe_pump(k, sensed) for k in late if k not in self.failures]
         return ", ".join([*self.failures.values(), *new])
 

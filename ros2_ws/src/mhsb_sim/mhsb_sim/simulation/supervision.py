@@ -62,10 +62,6 @@ class SupervisionSettings:
     """Rate at which the pressure of trapped oil is lowered before valves open [Pa/s], 1e5 … 1e9.
 
     Origin: chosen; 10 MPa in less than two seconds."""
-    release_error: float = 1e-3
-    """Following error of a held arm above which the reference is set again [rad], 0 … 0.1.
-
-    Origin: chosen; smaller errors are corrected by the servo at rest."""
 
     @property
     def rest_samples(self) -> int:
@@ -136,7 +132,7 @@ class Supervision:
         - CLOSED: as soon as the arm rests, the reference is set to the arm's posture (HELD).
         - HELD: nothing happens. `release` begins VENTING.
         - VENTING: the pressure of trapped oil is lowered. When no oil is trapped and the arm rests,
-          WATCHING begins again.
+          the reference is set to the arm's posture, and WATCHING begins again.
         """
         settings = self.settings
         now, sample = self._simulator.time_ns, ArmSample.from_simulator(self._simulator)
@@ -161,7 +157,8 @@ class Supervision:
                 settings.venting_rate * WATCH_PERIOD_NS / SECOND_NS
             )
             if vented and self.rests:
-                self._release(sample)
+                self._simulator.hold_here()
+                self.restart()
 
     @property
     def rests(self) -> bool:
@@ -188,23 +185,10 @@ class Supervision:
         """Begin to release a held arm; nothing happens in other phases than HELD.
 
         The phase becomes VENTING. `watch` ends the stop when no oil is trapped and the arm rests.
-        The arm then moves with the next plan.
+        The arm then moves with the next plan. Its valves stay closed until then.
         """
         if self.phase is Phase.HELD:
             self._enter(Phase.VENTING)
-
-    def _release(self, sample: ArmSample) -> None:
-        """End a stop: supervision begins again in phase WATCHING, without fault or history.
-
-        If the following error exceeds `release_error`, the reference is first set to the arm's
-        posture. The valves stay closed until the next plan. All servo pumps are in use again.
-
-        Args:
-            sample: State of the arm.
-        """
-        if self._following.evaluate(sample).value > self.settings.release_error:
-            self._simulator.hold_here()
-        self.restart()
 
     def _evaluate_symptoms(self, sample: ArmSample) -> None:
         """Evaluate servo pumps and symptoms, and warn or stop the arm if necessary.
