@@ -57,11 +57,6 @@ class ResponseSettings:
     """Standard deviation σ_d of the dead band, a share of the full command, 0.01 … 0.5.
 
     Origin: excavators have 0.1 to 0.48."""
-    first_dead_band_step: float = 0.125
-    """First step by which the dead band is raised above a command that has not moved the piston, as
-    a share of c, 0.01 … 0.5.
-
-    Origin: chosen; the piston then starts at an eighth of its speed limit."""
     known_dead_band_step: float = 0.02
     """First step of the dead band after the valve has driven the piston, as a share of c, 0.005 …
     0.5.
@@ -99,7 +94,9 @@ class ResponseSettings:
     bend_deviation: float = 0.125
     """Standard deviation σ_b of single knots, a share of c, 0.01 … 0.5.
 
-    Origin: chosen; the part that exponents do not describe."""
+    It is also the first step by which the dead band is raised above a command that has not moved
+    the piston. Origin: chosen; the part that exponents do not describe. After the first step the
+    piston starts at an eighth of its speed limit."""
     command_deviation: float = 0.05
     """Standard deviation of a command at a measured speed, a share of c, 0.01 … 0.5.
 
@@ -107,7 +104,9 @@ class ResponseSettings:
     speed_deviation: float = 0.01
     """Standard deviation of a measured speed, a share of the speed limit, 0.001 … 0.1.
 
-    Origin: 0.5 mrad of an encoder with 13 bits in a window of 0.2 s."""
+    A lower speed counts as standstill. It holds for windows of 0.2 s; in longer ones the same
+    stroke counts, once the valve has driven the piston. Origin: 0.5 mrad of an encoder with 13 bits
+    in a window of 0.2 s. Below it, the command passes linearly through the dead band."""
     forgetting_time: float = 2000.0
     """Time in which the covariance relaxes to the initial one [s], 100 … 1e5.
 
@@ -341,7 +340,7 @@ class InverseCurve:
         """
         if self.commands[0] < command < self._settings.max_dead_band:
             s = self._settings
-            first = s.known_dead_band_step if self.has_driven else s.first_dead_band_step
+            first = s.known_dead_band_step if self.has_driven else s.bend_deviation
             step = first * self._unit * 2.0 ** (self._stood / s.step_doubling)
             self._correct(self._shares(0.0), command + min(step, s.dead_band_step), 0.0)
             self._stood += weight

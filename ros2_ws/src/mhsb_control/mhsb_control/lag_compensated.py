@@ -100,13 +100,9 @@ class LagCompensationSettings:
 
     window: float = 0.2
     """Least time over which speeds are measured [s], 0.05 … 1. A joint that oscillates on its oil
-    needs at least one period.
+    needs at least one period. For as long before it, the command must not change its direction.
 
-    Origin: chosen; two samples at 10 Hz."""
-    settling_time: float = 0.2
-    """Time before the window in which the command must not change its direction [s], 0 … 1.
-
-    Origin: lags up to 0.2 s."""
+    Origin: chosen; two samples at 10 Hz, and lags up to 0.2 s."""
     standing_delays: float = 1.5
     """Time for which a command must act without motion before it counts as inside the dead band, in
     delays, 0 … 1.5.
@@ -114,8 +110,8 @@ class LagCompensationSettings:
     Origin: chosen; after 1.5 delays, a lag that makes up most of the delay has reached 0.8 of its
     end."""
     spread_share: float = 0.4
-    """Standard deviation of a command, as a share of its change in window and settling time, 0.1 …
-    1.
+    """Standard deviation of a command, as a share of its change in the window and as long before,
+    0.1 … 1.
 
     Origin: chosen; the lag, and so the command that acts during a ramp, is not known exactly."""
     max_spread_ratio: float = 1.1
@@ -125,17 +121,10 @@ class LagCompensationSettings:
     Origin: the command causes a nearly uniform motion, with a ratio near 1. For an oscillation
     about a fixed length the ratio is at least 1.216 in any window of one to six periods (computed
     on a grid of windows and phases)."""
-    min_speed_ratio: float = 0.01
-    """Speed that counts as standstill, as a share of the speed limit, 0.001 … 0.1. It holds for
-    windows of 0.2 s. In longer ones the same stroke counts, once the valve has driven the piston.
-
-    Origin: chosen; below it, the command passes linearly through the dead band."""
-    max_correction_ratio: float = 0.3
-    """Largest speed by which the position is corrected, as a share of the speed limit, 0.05 … 1.
-
-    Origin: chosen."""
     first_speed_ratio: float = 0.3
     """Speed that may be demanded before anything is known, as a share of the speed limit, 0.05 … 1.
+
+    It is also the largest speed by which the position is corrected.
 
     Origin: chosen; slow enough to see what the arm does."""
     known_speed_factor: float = 2.0
@@ -202,7 +191,7 @@ class LagCompensatedAxis:
         self._averaged = self._period * np.arange(oscillation - 1, -1, -1)
         self._window = max(oscillation, self._brief)
         ratio = self._brief / self._window  # by equal strokes
-        self._slowest = ratio * settings.min_speed_ratio * max_speed
+        self._slowest = ratio * settings.response.speed_deviation * max_speed
         driven = ratio * settings.response.min_driven_ratio
         response = replace(settings.response, min_driven_ratio=driven)
         self.curves = tuple(
@@ -210,7 +199,7 @@ class LagCompensatedAxis:
             for v, commands in zip(full_speeds, declared, strict=True)
         )
         longest = settings.response.max_delay
-        settling = max(settings.standing_delays * longest, settings.settling_time)
+        settling = max(settings.standing_delays * longest, settings.window)
         kept = max(2.0 * longest, longest + settling)
         self._commands = np.zeros(math.ceil(kept / self._period) + self._window + 2)
         self._lengths = np.full(self._window + 1, np.nan)
@@ -246,7 +235,7 @@ class LagCompensatedAxis:
         predicted length is a measured length plus the stroke that commands cause after the
         measurement. The mean runs over one period of the joint's oscillation on its oil. Once the
         reference has rested for one delay, the predicted strokes are multiplied by the ratio of
-        real to predicted motion. The correction is limited by `max_correction_ratio`. The demanded
+        real to predicted motion. The correction is limited by `first_speed_ratio`. The demanded
         speed is limited to `known_speed_factor` times the fastest known speed, but to no less than
         `first_speed_ratio` of the speed limit. While the reference moves, the command passes
         linearly through the dead band at speeds below the slowest one that a window of lengths
@@ -283,11 +272,11 @@ class LagCompensatedAxis:
             self.speed = 0.0
             return 0.0
         gain = g.position_gain / (delay + self._period + 0.5 * float(self._averaged[0]))
-        most = s.max_correction_ratio * self._max_speed
+        most = s.first_speed_ratio * self._max_speed
         demanded = planned + min(max(gain * error, -most), most)
         curve = self.curves[int(demanded < 0.0)]
         known = s.known_speed_factor * curve.known_speed
-        allowed = max(s.first_speed_ratio * self._max_speed, known)
+        allowed = max(most, known)
         self.speed = min(max(demanded, -allowed), allowed)
         command = curve.command_at(max(abs(self.speed), self._slowest))
         if not rests:
@@ -377,13 +366,13 @@ class LagCompensatedAxis:
         resolves_slow = curve.has_driven and self._window > self._brief
         if not resolves_slow:
             self._learn_dead_band(acted)
-        steady = acted[-self._window - math.ceil(s.settling_time / self._period) :]
+        steady = acted[-self._window - self._brief :]
         low, high = float(steady.min()), float(steady.max())
         forwards = math.copysign(speed, speed * newest)
         uniform = abs(speed) * time * math.sqrt((self._window + 2) / (12.0 * self._window))
         is_driven = float(self._lengths.std()) < s.max_spread_ratio * uniform
         is_beyond = resolves_slow and min(abs(low), abs(high)) > curve.commands[0]
-        least = self._slowest if is_beyond else s.min_speed_ratio * self._max_speed
+        least = self._slowest if is_beyond else s.response.speed_deviation * self._max_speed
         stands = is_beyond and forwards < least and abs(newest) < s.response.max_dead_band
         if low * high > 0.0 and (stands or (is_driven and forwards > least)):
             command = float(np.abs(steady[-self._window :]).mean())
@@ -393,8 +382,8 @@ class LagCompensatedAxis:
     def _learn_dead_band(self, acted: FloatArray) -> None:
         """Raise the dead band of the newest command's direction if the piston stands.
 
-        The piston stands if its mean speed over a window is below the share `min_speed_ratio` of
-        its speed limit. The window is short until the command for one speed, a knot of the valve
+        The piston stands if its mean speed over a window is below the share `speed_deviation`
+        of its speed limit. The window is short until the command for one speed, a knot of the valve
         curve, is known. After that, it covers at least one period of the joint's oscillation on its
         oil. All commands in the window and in the settling time before it must have one direction.
         The smallest of these commands is a lower bound of the dead band (`raise_dead_band`).
@@ -407,10 +396,10 @@ class LagCompensatedAxis:
         s = self._settings
         curve = self.curves[int(acted[-1] < 0.0)]
         window = self._window if curve.known_speed > 0.0 else self._brief
-        settling = max(s.standing_delays * self.delay.delay, s.settling_time)
+        settling = max(s.standing_delays * self.delay.delay, s.window)
         since = acted[-window - math.ceil(settling / self._period) :]
         moved = abs(self._lengths[-1] - self._lengths[-1 - window]) / (window * self._period)
-        if moved < s.min_speed_ratio * self._max_speed and since.min() * since.max() > 0.0:
+        if moved < s.response.speed_deviation * self._max_speed and since.min() * since.max() > 0.0:
             curve.raise_dead_band(float(np.abs(since).min()), 1.0 / self._brief)
 
 

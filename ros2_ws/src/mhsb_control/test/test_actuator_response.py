@@ -44,7 +44,7 @@ def test_precision_is_relative_to_the_command_that_the_speed_limit_needs():
 
 def test_the_step_of_the_dead_band_grows_while_the_piston_stands():
     curve, rises = build_curve(full_speed=2.0), []
-    first = SETTINGS.first_dead_band_step * MAX_SPEED / 2.0
+    first = SETTINGS.bend_deviation * MAX_SPEED / 2.0
     for _ in range(20):
         before = curve.command_at(0.0)
         curve.raise_dead_band(before + 1e-6, 1.0)
@@ -77,7 +77,7 @@ def test_a_swing_on_the_oil_makes_no_step_of_the_dead_band_smaller():
     assert curve.known_speed > 0.0
     before = curve.command_at(0.0)
     curve.raise_dead_band(before + 1e-6, 1.0)
-    first = SETTINGS.first_dead_band_step * MAX_SPEED / 2.0
+    first = SETTINGS.bend_deviation * MAX_SPEED / 2.0
     assert curve.command_at(0.0) - before == pytest.approx(first, rel=1e-3)
 
 
