@@ -219,7 +219,8 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: Lin
       must be shut.
     - The balance of the rail with all lines joined to it. A joined line has an open join valve, and
       its pressure differs from the rail's by less than `joined_drop`. A pump must feed the rail or
-      one of these lines. No join valve may be partly open, or open at a larger pressure difference.
+      one of these lines. There is no balance while a join valve is partly open, or open although
+      its pressure difference is larger.
 
     A full window updates the estimates in two cases:
 

@@ -105,8 +105,9 @@ class GuardedExecutor(SingleThreadedExecutor):
     def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Task:
         """Make the task that takes an entity's input and executes its callback.
 
-        An exception while the input is taken, or in the callback, is recorded as a fault. Errors
-        that are meant to end the node are raised. Requests of services are taken by
+        An exception while the input is taken, or in the callback, is recorded as a fault. A success
+        ends the entity's count of faults in a row. Errors that are meant to end the node are
+        raised, and after the end of ROS all errors are. Requests of services are taken by
         `_take_request`, and messages for the node's clock by `_take_clock`.
         All other input is taken by rclpy.
 

@@ -110,7 +110,8 @@ def yield_paths(problem: SearchProblem) -> Iterator[CylinderPath | None]:
     lattices of decreasing spacing, and a last local refinement. The lattices are skipped if the
     incumbent (cheapest path so far) costs at most (1 + MIN_LATTICE_GAP) times the lower bound. The
     refinement is skipped if the incumbent costs at most (1 + MIN_RELATIVE_GAIN) times the lower
-    bound. Lattices and refinement are also skipped when the time is up.
+    bound. Lattices and refinement are also skipped when the time is up, or if the lower bound
+    reaches the cost from which paths are useless (`progress.max_path_cost`).
 
     The first straight line is yielded at once; later, cheaper lines become the incumbent without
     being yielded. A path from a lattice is yielded at once if it is cheaper than the last yielded
@@ -121,8 +122,8 @@ def yield_paths(problem: SearchProblem) -> Iterator[CylinderPath | None]:
         problem: The search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
-        A path that is cheaper than all earlier paths, or the value None before work that may take
-        long. At None, the caller can try something else.
+        A path that is cheaper than all earlier paths, or the value None before a lattice is
+        searched. At None, the caller can try something else.
 
     Raises:
         NoPathError: The search has ended without any path.

@@ -130,7 +130,8 @@ def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval
         d2: Range of the distance D₂ between joint j and the tip [m].
 
     Returns:
-        Range of |qⱼ|; the empty range (π, 0) if no triangle is possible.
+        Interval that contains the range of |qⱼ| and may be wider. It is (π, 0), which is empty, if
+        intervals show that no triangle is possible.
     """
     above = radius[1] ** 2 - d1[0] ** 2 - d2[0] ** 2
     below = radius[0] ** 2 - d1[1] ** 2 - d2[1] ** 2

@@ -47,7 +47,7 @@ def iterate_harder_brakings(
 
     The pistons keep the machine's limits of acceleration and jerk. If the trajectory itself exceeds
     a limit on the same stretch of its path, its own peak is the limit. One braking is computed for
-    each share in LIMIT_SHARES; it is meant to take this share of the machine's limits. It is
+    each share in LIMIT_SHARES, with about this share of the machine's limits. It is
     yielded if it stops on a shorter stretch of the path than all before. If no braking keeps the
     limits, they are raised by RAMP_LIMIT_SHARE of the machine's limits for a second trial.
     Pressures and obstacles are not checked.

@@ -314,8 +314,9 @@ def _choose_interval_modes(
 
     First, the intervals in which an actuator needs boost are determined. If boost would only hold a
     load for a short time, it is dropped, since the closed valve holds the load. Intervals in which
-    the pressure is too low to accelerate the load are added. Then boost, and shared boost (SB),
-    begin earlier by BOOST_LEAD and are lengthened to MIN_DWELL. The mode at the start stays in
+    the pressure is too low to accelerate the load are added. Boost is shared (SB) if the flow
+    exceeds that of one servo pump, or if SB is preferred. Then boost, and shared boost, begin
+    earlier by BOOST_LEAD and are lengthened to MIN_DWELL. The mode at the start stays in
     force until its age has reached MIN_DWELL. Last, boost is reduced if too few booster modules are
     fitted. Some intervals may still use too many modules.
 

@@ -97,8 +97,8 @@ class ArmState:
 
         These are the reference, the measured state, this planner's command, the stamp of the plan
         in force, the plan delay and the clock estimate. The modes stay, since they have no stamp.
-        The report that no plan is in force (`NO_PLAN`) also stays. The arm may have sent it after
-        the jump, but before the first stamp that shows the jump.
+        The report that no plan is in force (`NO_PLAN`) also stays: it has no stamp, so the arm may
+        have sent it just after the jump, before the planner noticed the jump.
         """
         self.reference = self.measured = self.own_command = None
         if self.plan_in_force_ns != NO_PLAN:

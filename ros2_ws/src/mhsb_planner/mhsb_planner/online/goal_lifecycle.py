@@ -334,8 +334,10 @@ class GoalLifecycle:
     ) -> None:
         """Handle that the arm refused or dropped a command and continues the previous command.
 
-        After a braking command or a void plan (withdrawn after it was sent), the stop takes its
-        next step. After any other plan, its goal is planned for again or ended.
+        The command is no longer unconfirmed. If it was late, its transport time becomes a sample of
+        the commit horizon; if its stamp was refused, the clock's estimate is renewed. After a
+        braking command or a void plan (withdrawn after it was sent), the stop takes its next step.
+        After any other plan, its goal is planned for again or ended, or the plan is sent again.
 
         Args:
             sent: The command that was sent.

@@ -245,8 +245,8 @@ def _ascend_area(
         w: Working memory, overwritten.
         q: Posture, changed in place, shape (n,) [rad or m].
         area: Area in the posture q [m²/s²].
-        strides: First stride, and stride below which the ascent ends [rad]. A sliding joint moves
-            by the stride times its `unit` of `w` [m].
+        strides: First stride, and stride below which the ascent ends [rad]. For a sliding
+            joint, the stride is multiplied by the joint's `w.unit` [m/rad].
 
     Returns:
         Area in the final posture [m²/s²].

@@ -255,8 +255,8 @@ def _format_verdict(verdict: GoalVerdict) -> list[str]:
 
     Returns:
         One line with code and sentence. If a plan was published, a second line has duration [s],
-        energy in both energy readings and its lower bound [J], number of mode switches, and
-        planning time [ms].
+        energy by the paper's formula and with the pumps in series, its lower bound [J], number of
+        mode switches, and planning time [ms].
     """
     lines = [f"{verdict.code.value}: {verdict.sentence}"]
     plan = verdict.plan

@@ -415,7 +415,7 @@ class MoveTipServer:
     def _handle_trial_answer(
         self, job: _ActionGoal, request: PlanRequest, answer: Replan | Exception | None
     ) -> None:
-        """Handle the answer for a goal that will not be executed: end the goal or plan again.
+        """End a goal that asks only for a plan, or plan again if the deadline was missed.
 
         A plan ends the goal with success. Its energies, duration, times and both of its messages
         are written into the result. After a missed deadline the goal is planned for again. The

@@ -63,7 +63,8 @@ def check_tip_clearance(machine: Machine, goal: Position) -> None:
 
     Raises:
         OutOfWorkspaceError: The slew's limits do not allow the goal.
-        ZoneError: The tip is nearer to an obstacle than the margin.
+        ZoneError: The tip is nearer to an obstacle than the margin. For obstacles that hold for the
+            whole arm, the radius of the last link is added to the margin.
     """
     rows, margin = machine.obstacles.path_rows, machine.config.keep_out.margin
     if len(rows) == 0:

@@ -118,8 +118,8 @@ def price_steps(
 
     Steps lead to all neighbouring workspace nodes in all mode combinations. A step is inadmissible
     if the tip leaves the workspace or the arm comes too near to an obstacle. It is also
-    inadmissible if a joint that needs boost is not boosted. Combinations that boost further joints
-    are admissible only if the neighbour has no other admissible combination.
+    inadmissible if a joint that needs boost is not boosted. Boost of a joint that does not need it
+    is admissible only if the neighbour has no combination without such boost.
 
     Tested against steps computed one by one in plain NumPy.
 

@@ -151,9 +151,10 @@ class PublishedSearch:
         """Relax all steps that leave the start: record every cheaper path that they give.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
-        cheaper. A label is the cost of the cheapest path found to a node, and its last step. The
-        cost of the path includes the mode switches from the modes in force at the start. A step's
-        number is its row in `Query.from_start`.
+        cheaper, and enters the open list. Each step counts as generated. A label is the cost of the
+        cheapest path found to a node, and its last step. The cost of the path includes the mode
+        switches from the modes in force at the start. A step's number is its row in
+        `Query.from_start`.
         """
         query, steps = self._query, self._query.from_start
         total = (

@@ -271,9 +271,9 @@ class JumpingLength(Symptom):
         Returns:
             Magnitude of the change divided by the largest change of a sound sensor [-], and a
             clause with the sensor's name and the signed change in mm. The largest change is
-            `farthest_jump` for each watch period between the readings, at least for one, plus
-            JUMP_NOISE_FACTOR standard deviations of the noise of a difference. The value is 0 in
-            the first call.
+            `farthest_jump` times the number of watch periods between the readings (at least 1),
+            plus JUMP_NOISE_FACTOR standard deviations of the noise of a difference. The value is 0
+            in the first call.
         """
         now, before = sample.sensed, self._before or sample.sensed
         self._before = now

@@ -227,8 +227,8 @@ class PlanReceiver:
     def update(self, wall: float) -> list[HandOverReport]:
         """Hand over a complete plan that is due, or drop a plan whose second message is overdue.
 
-        A complete plan is due from its stamp on, in the target's time of plans. The second message
-        is overdue `PAIR_TIMEOUT` after the first.
+        A complete plan is due as soon as the target's time of plans has reached the plan's stamp.
+        The second message is overdue `PAIR_TIMEOUT` after the first.
 
         Args:
             wall: Present time of the steady clock [s].

@@ -467,7 +467,8 @@ def check_options_have_effect(asked: PaperCase, given: Mapping[str, Any]) -> Non
 
     - `initial_j3`, `search`, `heuristic_scale`: the planner takes the option
     - `heuristic_scale`: the search is `published`
-    - `max_speed_excess`: the trajectory is a polynomial, by its option or by the planner's default
+    - `max_speed_excess`: the option `trajectory` asks for a polynomial; without it, the
+      planner's default does
     - `via_tolerance`: there is a via point
     - `energy_reading`: the weight of energy is not 0
     - `area_weight` above 0: the planner weighs the area of the velocity polytope

@@ -200,14 +200,15 @@ class SingleSupply(NamedTuple):
                 `plan.energy.series`.
 
         Returns:
-            Text such as `528.5 J, saves 32 % against one pump at constant 7.1 MPa (779.7 J)`. If
-            the arm's own supply takes more, the text has `costs 5 % more than` instead.
+            Text such as `528.5 J, saves 32 % against one pump at constant 7.1 MPa for this motion
+            (779.7 J)`. If the arm's own supply takes more, the text has `costs 5 % more than`
+            instead.
         """
         saved = 1.0 - energy_j / self.energy_j if self.energy_j > 0.0 else 0.0
         words = "saves {:.0f} % against" if saved >= 0.0 else "costs {:.0f} % more than"
         return (
             f"{energy_j:.1f} J, {words.format(100 * abs(saved))} one pump at constant "
-            f"{1e-6 * self.pressure:.1f} MPa ({self.energy_j:.1f} J)"
+            f"{1e-6 * self.pressure:.1f} MPa for this motion ({self.energy_j:.1f} J)"
         )
 
 

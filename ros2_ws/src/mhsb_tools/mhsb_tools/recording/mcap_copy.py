@@ -314,6 +314,8 @@ class McapCopy:
     def _add_with_other_ids(self, chunk: Chunk, channel_ids: dict[int, int]) -> None:
         """Add the messages of a chunk of another recording under other channel ids.
 
+        The messages are collected and written later, as chunks of the copy's own size.
+
         Args:
             chunk: The chunk.
             channel_ids: New id of each channel by its id in the chunk; an id without an entry

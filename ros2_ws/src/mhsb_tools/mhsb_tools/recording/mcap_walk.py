@@ -456,9 +456,9 @@ class McapWalk:
             found: Record of the first message index. Only its offset `at` is read.
 
         Yields:
-            One piece of damage. All messages in the lists of the indexes are counted as lost. If a
-            chunk with the right checksum begins among the indexes, the damage ends there. The
-            number of lost messages is then None, which means unknown.
+            One piece of damage. All messages in the lists of the indexes are counted as lost. The
+            damage may also end earlier, at an intact chunk between the indexes. The number of lost
+            messages is then None, which means unknown.
 
         Returns:
             Offset after the damage.

@@ -533,8 +533,8 @@ def check_order(recording: Recording) -> None:
 def _check_numbers(value: Any) -> None:
     """Check that no finite floating-point number in a decoded value is too large.
 
-    Lists, tuples and dataclasses are searched recursively. Infinite numbers, nan and integers are
-    accepted.
+    Arrays, lists, tuples and dataclasses are searched recursively. Infinite numbers, nan and
+    integers are accepted.
 
     Args:
         value: Decoded message or part of one.

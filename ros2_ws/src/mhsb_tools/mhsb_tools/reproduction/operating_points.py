@@ -59,8 +59,8 @@ def find_points(runs: Runs) -> dict[str, BestPoint]:
 
     Returns:
         Four best points by name. A name such as `c5.ps best table` consists of `c5`, the quantity
-        (`ps` for supply pressure or `vmax`) and the planner. `c5` is the paper's Case 5, which
-        varies one quantity.
+        (`ps` for supply pressure or `vmax`) and the planner. `c5` stands for Case 5, in which the
+        paper varies one quantity of the cases above.
 
     Raises:
         NoOperatingPointError: No point of a range has a plan.

@@ -422,8 +422,8 @@ def _compare_overshoot(overshoot: FloatArray) -> dict[str, Any]:
     Returns:
         `overshoot_max_mpa` and `overshoot_mean_mpa` by controller. `overshoot_ratio`, coordinated /
         independent: `of_largest`, `of_mean` and `worst_scenario` (highest ratio in one scenario).
-        Scenarios without overshoot of the independent controller have no ratio. If there are no
-        others, all three are None.
+        Scenarios without overshoot of the independent controller have no ratio. If no scenario
+        has a ratio, all three are None.
     """
     overshoot = overshoot.clip(0.0)
     largest, mean = overshoot.max(axis=0), overshoot.mean(axis=0)

@@ -216,8 +216,8 @@ def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArra
     Returns:
         ROS times of the hydraulic states, int64 (k,) [ns], and energies up to these times, shape
         (k, 2) [J]. Column 0 is for the oil at the valve inlets, column 1 for the pistons. The
-        energies are 0 at the simulator's first report, so negative before. If hydraulic states or
-        reports are missing, there is one row with time 0 and nan.
+        energies count from the simulator's first report and are negative before it. If hydraulic
+        states or reports are missing, there is one row with time 0 and nan.
     """
     actuators, reports = recording.actuators, recording.simulator_reports
     if len(actuators.time_ns) == 0 or not reports:

@@ -47,7 +47,7 @@ def test_the_picture_names_the_saving_against_the_highest_pressure_that_the_moti
     share = 1.0 - plan.energy.series / (pressure * (oil + leaked))
     assert share > 0.1
     assert f"saves {100 * share:.0f} % against one pump at constant" in move.energy_title
-    assert f" {pressure / 1e6:.1f} MPa (" in move.energy_title
+    assert f" {pressure / 1e6:.1f} MPa for this motion (" in move.energy_title
 
 
 def test_the_heading_names_a_rest_at_the_end_and_no_other(move):

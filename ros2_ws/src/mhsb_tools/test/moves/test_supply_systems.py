@@ -124,10 +124,10 @@ def test_a_single_supply_fills_all_strokes_and_leaks_at_the_highest_needed_press
 def test_the_saving_is_in_per_cent_of_the_energy_of_one_pump() -> None:
     one_pump = SingleSupply(7.06e6, 800.0)
     assert one_pump.describe_saving(576.0) == (
-        "576.0 J, saves 28 % against one pump at constant 7.1 MPa (800.0 J)"
+        "576.0 J, saves 28 % against one pump at constant 7.1 MPa for this motion (800.0 J)"
     )
     assert one_pump.describe_saving(840.0) == (
-        "840.0 J, costs 5 % more than one pump at constant 7.1 MPa (800.0 J)"
+        "840.0 J, costs 5 % more than one pump at constant 7.1 MPa for this motion (800.0 J)"
     )
     assert "saves 0 % against" in SingleSupply(4e6, 0.0).describe_saving(0.0)
 

@@ -46,7 +46,7 @@ def test_the_saving_compares_the_model_with_one_pump(run, story):
     text = run.energy.describe_saving()
     assert text.startswith(f"132.0 J measured; by the planner's model {own:.1f} J, {words} ")
     assert f" {100 * abs(1.0 - own / other):.0f} % " in text
-    assert f" {story.needed_pressure / 1e6:.1f} MPa (" in text
+    assert f" {story.needed_pressure / 1e6:.1f} MPa for this motion (" in text
 
 
 def test_a_move_counts_parts_of_the_time_between_reports(run):

@@ -57,7 +57,7 @@ def test_the_page_of_a_run_names_energy_and_saving(machine):
     other = 2.0 * 3 * pressure * m.leakage_flow * np.sqrt(ratio)
     assert page.energy_title == (
         f"energy as simulated:\n9.0 J, saves {100 * (1.0 - 9.0 / other):.0f} % against one pump "
-        f"at constant {pressure / 1e6:.1f} MPa ({other:.1f} J)"
+        f"at constant {pressure / 1e6:.1f} MPa for this motion ({other:.1f} J)"
     )
     assert page.heading.endswith("2.00 s, the last 2.0 s at rest")
 
