@@ -86,7 +86,7 @@ def _check_workspace(config: MachineConfig) -> list[str]:
     """Check that the workspace's radii are in order and within the arm's reach.
 
     The least radius must be below the greatest. The greatest must not exceed the reach: the sum of
-    all link lengths and of the telescopes' largest extensions.
+    the link lengths in the arm's plane and of the telescopes' largest extensions.
 
     Args:
         config: Content of a machine file.

@@ -606,11 +606,12 @@ def _sweep_with_stride(
 ) -> CylinderPath:
     """Run sweeps of a compass search with one stride over a cylinder path.
 
-    A sweep tries to move each waypoint by the stride and keeps each move that makes the path
-    cheaper. Sweeps price the path coarsely, in pieces in which no cylinder moves by more than
-    `piece`. After each sweep, the problem's own cost model gives the real cost of the path. The
-    sweeps end if the real cost exceeds the best real cost so far. They also end if a sweep lowers
-    the coarse cost by less than the share MIN_RELATIVE_GAIN.
+    A sweep tries to move each waypoint but the start by the stride and keeps each move that makes
+    the path cheaper. The last waypoint moves to another goal posture instead. Sweeps price the path
+    coarsely, in pieces in which no cylinder moves by more than `piece`. After each sweep, the
+    problem's own cost model gives the real cost of the path. The sweeps end if the real cost
+    exceeds the best real cost so far. They also end if a sweep lowers the coarse cost by less than
+    the share MIN_RELATIVE_GAIN, or at the deadline, within a sweep.
 
     Args:
         problem: The search problem: start, goal postures, cost model, effort limits and deadline.

@@ -174,6 +174,9 @@ def warm_up(machine: Machine) -> None:
 def is_way_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> bool:
     """Return whether the moves between successive postures keep clear of obstacles.
 
+    A move that begins in an obstacle counts as clear if it gets no deeper. A move counts as not
+    clear if the check cannot prove that it is.
+
     Args:
         m: Arrays of the whole arm, with the slew as joint 1.
         rows: Obstacles, one row each with kind and shape, float64[rows, ROW_WIDTH].
