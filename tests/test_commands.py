@@ -173,7 +173,7 @@ BAD_ARGUMENTS = [
     (("mhsb_tools", "mhsb", "tune", "--draws", "0", "--variations", "x.yaml"), "nothing is varied"),
     (
         ("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "1", "--audit", "--json"),
-        "--audit has no effect with --json",
+        "--audit: leave it out",
     ),
     (
         ("mhsb_tools", "mhsb", "animate", "bag", "--planner", "table", "--output", "x.gif"),

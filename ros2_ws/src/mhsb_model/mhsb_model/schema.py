@@ -397,7 +397,7 @@ class Modules(Section):
 
     count: int = Field(ge=0, le=64, description="modules fitted [-]")
     per_mode: tuple[ModulesUsed, ModulesUsed, ModulesUsed] = Field(
-        description="modules used by N, DB, SB [-]"
+        description="modules used by N, DB, SB [-]; above count, the mode is never used"
     )
 
 

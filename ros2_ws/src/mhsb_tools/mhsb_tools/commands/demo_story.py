@@ -181,7 +181,8 @@ def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[s
         "constant_pressure_j"
     ]
     lines += [
-        "energy given to the oil for the same goals, each from rest to rest, as planned:",
+        "energy given to the oil for the same goals, each from rest to rest, as planned "
+        "(pictures compare this run):",
         f"  {PLANNER_WORDS[DEFAULT_PLANNER]:52s}{own:7.0f} J",
         *(
             f"  {name:52s}{energy:7.0f} J, {energy / own:.2f} times as much"

@@ -168,10 +168,7 @@ def simulate(
     if not goal:
         raise command_line.UsageError("give --goal X Z T, once or several times")
     if audit and json_:
-        raise command_line.UsageError(
-            "--audit has no effect with --json, which has it all: energies_j, volumes_m3 and "
-            "energy_elements_j; leave it out"
-        )
+        raise command_line.UsageError("--audit: leave it out, --json has all that it prints")
     known = change_machine(load_machine(arm.machine), payload=arm.payload)
     kept_out = zones.add_to(known)
     goals = list(itertools.chain.from_iterable(split_timed_goals(known, values) for values in goal))

@@ -118,11 +118,8 @@ def compare(
         return
     print("\n".join(as_text(cases, summary)))
     if cases:
-        print(
-            "\n".join(
-                format_energy_by_move([c.name for c in cases], [c.motions for c in cases], arm)
-            )
-        )
+        names, motions = [each.name for each in cases], [each.motions for each in cases]
+        print("\n".join(format_energy_by_move(names, motions, arm)))
     print("\n".join(as_markdown(supplies)))
     print(f"( ): moves in which a supply takes less than MHSB\nwritten to {output}")
 
