@@ -19,7 +19,8 @@ def test_the_view_shows_the_arm_and_where_it_needs_boost(start_simulator, opened
     with page:
         page.until_says("tip at")
         page.tick("where boost is needed")
-        page.until(r"/with 8 kg, of \d+ points \d+ need N/.test(document.body.innerText)", 60.0)
+        counts = r"with 8 kg, of \d+ points in reach \d+ are held in N"
+        page.until(f"/{counts}/.test(document.body.innerText)", 60.0)
         page.until(r"/of \d+ J from the pumps: -?\d+ J work/.test(document.body.innerText)")
         if PICTURES:
             page.screenshot(Path(PICTURES) / f"{name}.png")
