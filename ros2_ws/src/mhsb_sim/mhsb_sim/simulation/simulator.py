@@ -529,7 +529,8 @@ class Simulator:
         - The joint is pressed against its end stop, and its higher chamber pressure exceeds `drop`.
 
         The relief valves of this actuator are then set below its higher chamber pressure, by
-        `drop`. The settings are restored when the valves open.
+        `drop`. Those of all other actuators have the plant's settings, so that no load sinks
+        through them.
 
         Args:
             drop: Difference between the higher chamber pressure and the setting [Pa].
@@ -543,7 +544,7 @@ class Simulator:
         trapped = lower > 0.5 * (arrays.supply_pressure - arrays.tank_pressure)
         beyond = np.abs(self._data.qpos - self._clip_to_limits(self._data.qpos))
         trapped |= (beyond > END_STOP_DEFLECTION) & (higher > drop)
-        actuators["relief"][trapped] = higher[trapped] - drop
+        actuators["relief"] = np.where(trapped, higher - drop, self.plant.chamber_reliefs)
         return not trapped.any()
 
     def hold_here(self) -> None:

@@ -169,6 +169,27 @@ def test_an_arm_is_led_back_slowly_from_a_stuck_valve_that_is_healed_before_it_i
     assert fastest < 0.05
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_joint_that_a_valve_has_pressed_on_its_end_stop_does_not_sink_when_it_is_released(
+    machine: Machine, place: int, sign: int
+) -> None:
+    limit = machine.arrays.joint_max if sign > 0 else machine.arrays.joint_min
+    posture = np.array(machine.config.simulation.start_posture)
+    posture[place] = limit[place] - sign * 0.002
+    arm = SupervisedArm(Simulator(machine, posture=posture), SupervisionLimits())
+    advance(arm, 0.5)
+    arm.simulator.inject_faults([Fault("valve_hard_over", place, sign)])
+    advance(arm, 3.0, lambda: arm.simulator.valves_closed)
+    advance(arm, 1.0)
+    arm.simulator.inject_faults([])
+    arm.clear_fault(arm.simulator.time_ns)
+    advance(arm, 5.0, lambda: not arm.fault)
+    assert arm.fault == ""
+    beyond = sign * (arm.simulator.joint_state.position - limit)[place]
+    assert -0.002 < beyond < 0.002
+
+
 def test_a_load_that_falls_onto_the_arm_is_taken_off_gently(arm: SupervisedArm) -> None:
     arm.set_payload(2000.0)
     advance(arm, 0.5)
