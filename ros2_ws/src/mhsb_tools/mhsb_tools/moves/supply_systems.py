@@ -29,6 +29,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
+from mhsb_planner.errors import RequestError
 from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.motion.motion_profile import compute_motion_profile
 from mhsb_tools.moves.needed_pressure import compute_moving_forces
@@ -224,7 +225,13 @@ def compute_single_supply(machine: Machine, trajectory: Trajectory) -> SingleSup
 
     Returns:
         Pressure by `compute_needed_supply`, and energy by `compute_constant_pressure_energy`.
+
+    Raises:
+        RequestError: The motion is not a `Trajectory`.
     """
+    if not isinstance(trajectory, Trajectory):
+        rule = "must be a Trajectory, such as plan.motion.trajectory"
+        raise RequestError("trajectory", trajectory, rule)
     loads = compute_loads(machine, trajectory)
     supply = compute_needed_supply(machine, loads)
     taken = compute_constant_pressure_energy(machine, loads, supply)

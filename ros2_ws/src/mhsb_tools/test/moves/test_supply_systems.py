@@ -10,6 +10,7 @@ from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_planner.errors import RequestError
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.moves.supply_systems import (
     MotionLoads,
@@ -119,6 +120,11 @@ def test_a_single_supply_fills_all_strokes_and_leaks_at_the_highest_needed_press
     leaked = 3 * m.leakage_flow * np.sqrt(ratio) * trajectory.duration_ns / 1e9
     assert found.energy_j == pytest.approx(found.pressure * (oil + leaked), rel=1e-3)
     assert found.pressure > m.supply_pressure
+
+
+def test_a_plan_instead_of_its_trajectory_is_refused_with_a_sentence(machine: Machine) -> None:
+    with pytest.raises(RequestError, match=r"such as plan\.motion\.trajectory"):
+        compute_single_supply(machine, object())  # type: ignore[arg-type]
 
 
 def test_the_saving_is_in_per_cent_of_the_energy_of_one_pump() -> None:
