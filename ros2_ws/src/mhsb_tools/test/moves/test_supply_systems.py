@@ -124,7 +124,7 @@ def test_a_single_supply_fills_all_strokes_and_leaks_at_the_highest_needed_press
 
 def test_a_plan_instead_of_its_trajectory_is_refused_with_a_sentence(machine: Machine) -> None:
     with pytest.raises(RequestError, match=r"such as plan\.motion\.trajectory"):
-        compute_single_supply(machine, object())  # type: ignore[arg-type]
+        compute_single_supply(machine, object())
 
 
 def test_the_saving_is_in_per_cent_of_the_energy_of_one_pump() -> None:
