@@ -32,7 +32,6 @@ from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.goal_region import Angle, Region, angle_range, tip_positions
-from mhsb_planner.integrated.cell_heap import pop_cell, push_cell
 from mhsb_planner.integrated.goal_postures import (
     GoalPostures,
     held_joints,
@@ -51,6 +50,13 @@ from mhsb_planner.search.lower_bound import (
     ENERGY_ONLY_WEIGHTS,
     bound_cost_between,
     bound_costs_between,
+)
+from mhsb_planner.search.open_list import (
+    NO_STATE,
+    OpenList,
+    create_open_list,
+    pop_first_state,
+    record_path_to,
 )
 from mhsb_planner.search.s2_step import (
     HydraulicCoefficients,
@@ -229,7 +235,7 @@ def _branch_and_bound(
     tip: tuple[float, float],
     ranges: FloatArray,
     best_sampled_bound: float,
-    most_cells: int,
+    open_cells: OpenList,
 ) -> Interval:
     """Compute a lower bound on the cost to every goal posture at a tip position.
 
@@ -245,17 +251,17 @@ def _branch_and_bound(
             Widths are divided by the unit before they are compared.
         best_sampled_bound: Least known bound for a single goal posture at any tip position; inf
             means none. A small value ends the halving earlier.
-        most_cells: Largest number of cells that halving may add to the first 2 · FIRST_CELLS.
+        open_cells: Empty open list, changed in place. A cell is a state of it whose cost is the
+            cell's bound. There is room for 2 · FIRST_CELLS cells and for those that halving adds.
 
     Returns:
         Two values. The first is the lower bound on the cost [-]; inf if no posture reaches the tip
         position. The second is the least of `best_sampled_bound` and the bounds for the middle
         postures of all cells.
     """
-    n, cell_capacity = len(cost.start), 2 * FIRST_CELLS + most_cells
+    n, cell_capacity = len(cost.start), len(open_cells.states) - 1
     work, cell = np.empty((5, n)), np.empty((cell_capacity, n - 2, 2))
-    bound, elbow = np.empty(cell_capacity), np.empty(cell_capacity, dtype=np.int64)
-    heap, waiting = np.empty(cell_capacity, dtype=np.int64), 0
+    elbow = np.empty(cell_capacity, dtype=np.int64)
     low, high = ranges[n - 3, 0], ranges[n - 3, 1]
     for i in range(2 * FIRST_CELLS):
         elbow[i] = -1 if i < FIRST_CELLS else 1
@@ -266,15 +272,14 @@ def _branch_and_bound(
     begun, count = 0, 2 * FIRST_CELLS
     while True:
         for i in range(begun, count):
-            bound[i], middle = _compute_cell_bounds(cost, tip, elbow[i], cell[i], work)
+            bound, middle = _compute_cell_bounds(cost, tip, elbow[i], cell[i], work)
             best_sampled_bound = min(best_sampled_bound, middle)
-            if bound[i] < math.inf:
-                push_cell(bound, heap, waiting, i)
-                waiting += 1
-        if waiting == 0:
+            if bound < math.inf:
+                record_path_to(open_cells, i, NO_STATE, 0, bound, 0.0)
+        i = pop_first_state(open_cells)
+        if i == NO_STATE:
             return math.inf, best_sampled_bound
-        i = pop_cell(bound, heap, waiting)
-        waiting -= 1
+        bound = open_cells.states[i].cost
         widest, width = 0, -math.inf
         for k in range(n - 2):
             here = (cell[i, k, 1] - cell[i, k, 0]) / ranges[k, 2]
@@ -282,10 +287,10 @@ def _branch_and_bound(
                 widest, width = k, here
         if (
             count + 2 > cell_capacity
-            or bound[i] >= (1.0 - BOUND_TOLERANCE) * best_sampled_bound
+            or bound >= (1.0 - BOUND_TOLERANCE) * best_sampled_bound
             or width < MIN_CELL_WIDTH
         ):
-            return bound[i], best_sampled_bound
+            return bound, best_sampled_bound
         begun = count
         for half in range(2):
             elbow[count] = elbow[i]
@@ -405,8 +410,9 @@ def _bound_cost_to_tips(
     ranges = _free_coordinate_ranges(machine, psi_range or (-math.pi, math.pi))
     least = math.inf
     for tip in map(tuple, np.unique(tips, axis=0).tolist()):
+        open_cells = create_open_list(2 * FIRST_CELLS + most_cells)
         here, best_sampled_bound = _branch_and_bound(
-            cost, tip, ranges, best_sampled_bound, most_cells
+            cost, tip, ranges, best_sampled_bound, open_cells
         )
         least = min(least, here)
     return least

@@ -1,6 +1,9 @@
 """A frontier on a small graph: order, reopening, and the way found."""
 
+import heapq
+
 import numpy as np
+import pytest
 
 from mhsb_planner.search.open_list import (
     NO_STATE,
@@ -39,3 +42,18 @@ def test_the_way_to_the_goal_leads_back_over_the_parents():
     record_path_to(frontier, 0, 2, 2, 2.0, 0.0)
     record_path_to(frontier, 4, 0, 3, 3.0, 0.0)
     assert trace_path_to_goal(frontier).tolist() == [2, 0, 4]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_states_are_taken_in_the_order_of_heapq(seed):
+    random = np.random.default_rng(seed)
+    cost = random.integers(0, 20, 200).astype(float).tolist()  # many are equal
+    frontier, others = create_open_list(200), []
+    for state in range(200):
+        record_path_to(frontier, state, NO_STATE, 1, cost[state], 0.0)
+        heapq.heappush(others, (cost[state], state))
+        while others and random.random() < 0.4:
+            assert pop_first_state(frontier) == heapq.heappop(others)[1]
+    while others:
+        assert pop_first_state(frontier) == heapq.heappop(others)[1]
+    assert pop_first_state(frontier) == NO_STATE
