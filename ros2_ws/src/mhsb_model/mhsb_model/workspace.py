@@ -5,6 +5,8 @@ Coordinates are in the arm's plane; the origin is joint 1, or joint 2 if joint 1
 
 import math
 
+import numpy as np
+
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import add_extension, get_turn_angle, tip_position
@@ -16,6 +18,20 @@ rounding."""
 
 MOVE_SAMPLES = 8
 """Number of instants between the ends at which a straight joint move is checked."""
+
+
+def compute_joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
+    """Compute the largest distance of a joint beyond its limits.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (…, n) [rad or m].
+
+    Returns:
+        Excess of the worst joint, shape (…) [rad or m]; negative if all joints are within their
+        limits.
+    """
+    return np.maximum(m.joint_min - q, q - m.joint_max).max(axis=-1)
 
 
 @kernel(borrows=True)

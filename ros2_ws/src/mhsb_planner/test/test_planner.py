@@ -7,10 +7,10 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.modes import count_modules
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
+from mhsb_model.workspace import compute_joint_excess
 from mhsb_planner import planner as planning
 from mhsb_planner.cases.moves import yield_random_moves
 from mhsb_planner.errors import NoPathError, RequestError
-from mhsb_planner.motion.limits.joint_range import joint_excess
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.planning import motion_rules
 from mhsb_planner.search.s2_search import Weights
@@ -51,7 +51,7 @@ def test_a_start_beyond_a_joint_limit_by_noise_is_led_back_inside(planner, kind)
     options = PlanOptions(planner=kind)
     for start, goal in cases_beyond(planner, options, BEYOND, 10):
         trajectory = planner.plan(goal, start, options=options).motion.trajectory
-        excess = joint_excess(planner.machine.arrays, trajectory.position)
+        excess = compute_joint_excess(planner.machine.arrays, trajectory.position)
         assert excess[0] == pytest.approx(BEYOND)
         back = int(np.argmax(excess <= 1e-6))
         assert np.all(np.diff(excess[:back]) <= 1e-9)

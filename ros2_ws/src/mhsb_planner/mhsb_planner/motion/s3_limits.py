@@ -25,11 +25,11 @@ from mhsb_model.trajectory import (
     standstill,
 )
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.workspace import compute_joint_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion.limits.joint_range import (
     JOINT_TOLERANCE,
     bound_joint_excess,
-    joint_excess,
 )
 from mhsb_planner.motion.limits.limit import (
     LimitInputs,
@@ -306,7 +306,7 @@ def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:
     m, tips = machine.arrays, machine.tip_positions(trajectory.position)
     radius = np.hypot(tips[:, 0], tips[:, 1])
     ranges = (m.min_x - tips[:, 0], m.min_radius - radius, radius - m.max_radius)
-    beyond = joint_excess(m, trajectory.position).max()
+    beyond = compute_joint_excess(m, trajectory.position).max()
     if beyond > JOINT_TOLERANCE or np.max(ranges) > TIP_TOLERANCE:
         return False
     return find_first_contact(machine, trajectory) is None

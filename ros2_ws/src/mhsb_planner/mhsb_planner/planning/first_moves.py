@@ -17,8 +17,9 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
+from mhsb_model.workspace import compute_joint_excess
 from mhsb_planner.errors import DeadlineError, StartError
-from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
+from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE
 from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
@@ -91,7 +92,7 @@ def paths_from_anywhere(
             is possible.
         MhsbError: The source has failed, and there is no motion.
     """
-    excess = float(joint_excess(source.machine.arrays, request.departure))
+    excess = float(compute_joint_excess(source.machine.arrays, request.departure))
     if excess > START_NOISE:
         yield from _paths_over_first_moves(source, request, progress)
         return

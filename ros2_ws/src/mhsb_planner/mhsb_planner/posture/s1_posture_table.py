@@ -19,6 +19,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_model.workspace import compute_joint_excess
 from mhsb_planner.errors import TableError
 from mhsb_planner.posture.npz_reader import DAMAGED_FILE_ERRORS, ArchiveTooLargeError, read_arrays
 
@@ -230,24 +231,10 @@ class PostureTable:
             return "nodes lie beyond the arm's reach"
         if not np.array_equal(self.patterns, machine.patterns):
             return "its mode patterns are not those of the machine"
-        beyond = compute_joint_excess(machine, self.posture[np.isfinite(self.area)])
+        beyond = compute_joint_excess(machine.arrays, self.posture[np.isfinite(self.area)])
         if not np.all(beyond <= LARGEST_EXCESS):  # NaN, too
             return "postures lie beyond the joint limits"
         return None
-
-
-def compute_joint_excess(machine: Machine, postures: FloatArray) -> FloatArray:
-    """Compute the largest distance of a joint beyond its limits, for each posture.
-
-    Args:
-        machine: Machine with the joint limits.
-        postures: Postures, shape (k, n) [rad or m].
-
-    Returns:
-        Distances, shape (k,) [rad or m]; negative if all joints are within their limits.
-    """
-    a = machine.arrays
-    return np.maximum(a.joint_min - postures, postures - a.joint_max).max(axis=-1, initial=-np.inf)
 
 
 def _read_table_file(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -48,20 +48,6 @@ JOINT_LIMIT = StateLimit(
 """Limit of the joints [rad or m]. Instead of a parabola, `bound_joint_excess` proves intervals."""
 
 
-def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """Compute the largest distance of a joint beyond its limits.
-
-    Args:
-        m: Arrays of the machine.
-        q: Joint positions, shape (…, n) [rad or m].
-
-    Returns:
-        Excess of the worst joint, shape (…) [rad or m]; negative if all joints are within their
-        limits.
-    """
-    return np.maximum(m.joint_min - q, q - m.joint_max).max(axis=-1)
-
-
 @kernel(borrows=True)
 def compute_outward_excess(lower: FloatArray, upper: FloatArray, position: FloatArray) -> float:
     """Compute how far a motion moves a joint outwards beyond its limits.
