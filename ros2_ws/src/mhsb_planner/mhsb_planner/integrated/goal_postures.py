@@ -124,9 +124,7 @@ def sample_goal_postures(
             refused = refused or error
     if refused is not None and not found:
         raise refused
-    tip, posture, elbow, free = found[0]
-    if len(found) > 1:
-        tip, posture, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
+    tip, posture, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
     posture = frozen(posture)
     return GoalPostures(
         (x, z),
@@ -173,6 +171,33 @@ def held_joints(machine: Machine) -> IntArray:
     return np.delete(np.arange(machine.joint_count), find_closing_joints(machine.arrays))
 
 
+def find_elbows_and_free_coordinates(
+    machine: Machine, postures: FloatArray
+) -> tuple[np.ndarray, FloatArray]:
+    """Return elbow branches and free coordinates of postures, as `GoalPostures` stores them.
+
+    Without telescopes the elbow branch is 1 if the second-last joint's angle is positive, else −1.
+    The free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes
+    the elbow branch is the sign of the last turning joint's angle (`find_closure_side`). The free
+    coordinates are then the positions of all joints except the last two turning joints, which close
+    the chain.
+
+    Args:
+        machine: The arm without a slewing joint.
+        postures: Postures, shape (k, n) [rad or m].
+
+    Returns:
+        Elbow branches, −1 or 1, shape (k,), and free coordinates, shape (k, n - 2) [rad or m].
+    """
+    a, n = machine.arrays, machine.joint_count
+    if machine.has_telescope:
+        i, j = find_closing_joints(a)
+        sides = np.array([find_closure_side(a, q, i, j) for q in postures], dtype=np.int64)
+        return sides, postures[:, held_joints(machine)]
+    elbow = np.where(postures[:, n - 2] > 0.0, 1, -1)
+    return elbow, np.column_stack([postures[:, : n - 3], postures.sum(axis=1)])
+
+
 def _sample_at_tip(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
@@ -207,10 +232,8 @@ def _sample_at_tip(
     posture, elbow, free = sampled(machine, x, z, between, spacing)
     if len(posture) == 0:
         raise InfeasibleGoalError(x, z, between)
-    if len(machine.obstacles.path_rows) > 0:
-        kept = find_clear_postures(machine, x, z, posture)
-        posture, elbow, free = posture[kept], elbow[kept], free[kept]
-    return np.full((len(posture), 2), (x, z)), posture, elbow, free
+    kept = find_clear_postures(machine, x, z, posture)
+    return np.full((kept.sum(), 2), (x, z)), posture[kept], elbow[kept], free[kept]
 
 
 def _sample_telescopic_chain(
@@ -240,12 +263,10 @@ def _sample_telescopic_chain(
           m].
     """
     a, held = machine.arrays, held_joints(machine)
-    i, j = find_closing_joints(a)
     if between is not None:
         count = math.ceil((between[1] - between[0]) / spacing) + 1
         posture = machine.postures(x, z, np.linspace(*between, count))
-        elbow = np.array([find_closure_side(a, q, i, j) for q in posture], dtype=np.int64)
-        return posture, elbow, posture[:, held]
+        return posture, *find_elbows_and_free_coordinates(machine, posture)
     apart = spacing ** (1.0 / len(held)) * machine.radian_equivalents[held]
     counts = np.ceil((a.joint_max - a.joint_min)[held] / apart).astype(int) + 1
     ends = zip(a.joint_min[held], a.joint_max[held], counts, strict=True)

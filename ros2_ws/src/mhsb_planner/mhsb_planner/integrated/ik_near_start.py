@@ -14,18 +14,14 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
-from mhsb_model.inverse_kinematics.tip_postures import (
-    close_chain,
-    find_closing_joints,
-    find_closure_side,
-)
+from mhsb_model.inverse_kinematics.tip_postures import close_chain
 from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length, cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import ZoneError
-from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
+from mhsb_planner.integrated.goal_postures import GoalPostures, find_elbows_and_free_coordinates
 from mhsb_planner.search.goal_clearance import find_clear_postures
 from mhsb_planner.search.lower_bound import bound_cost_between
 from mhsb_planner.search.s2_step import HydraulicCoefficients
@@ -76,7 +72,7 @@ def add_postures_near_start(
     except ZoneError:  # the sampled postures remain
         return goals
     posture = frozen(np.concatenate([goals.posture, near]))
-    elbow, free = _elbows_and_free_coordinates(machine, near)
+    elbow, free = find_elbows_and_free_coordinates(machine, near)
     return replace(
         goals,
         tips=frozen(np.concatenate([goals.tips, np.tile(goals.tip, (len(near), 1))])),
@@ -85,33 +81,6 @@ def add_postures_near_start(
         elbow=frozen(np.concatenate([goals.elbow, elbow])),
         free=frozen(np.concatenate([goals.free, free])),
     )
-
-
-def _elbows_and_free_coordinates(
-    machine: Machine, postures: FloatArray
-) -> tuple[np.ndarray, FloatArray]:
-    """Return elbow branches and free coordinates of postures, as `GoalPostures` stores them.
-
-    Without telescopes the elbow branch is 1 if the second-last joint's angle is positive, else −1.
-    The free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes
-    the elbow branch is the sign of the last turning joint's angle (`find_closure_side`). The free
-    coordinates are then the positions of all joints except the last two turning joints, which close
-    the chain.
-
-    Args:
-        machine: The arm without a slewing joint.
-        postures: Postures, shape (k, n) [rad or m].
-
-    Returns:
-        Elbow branches, −1 or 1, shape (k,), and free coordinates, shape (k, n - 2) [rad or m].
-    """
-    a, n = machine.arrays, machine.joint_count
-    if machine.has_telescope:
-        i, j = find_closing_joints(a)
-        sides = np.array([find_closure_side(a, q, i, j) for q in postures], dtype=np.int64)
-        return sides, postures[:, held_joints(machine)]
-    elbow = np.where(postures[:, n - 2] > 0.0, 1, -1)
-    return elbow, np.column_stack([postures[:, : n - 3], postures.sum(axis=1)])
 
 
 @kernel
