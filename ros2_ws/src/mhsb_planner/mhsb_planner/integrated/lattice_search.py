@@ -8,6 +8,9 @@ is left (`deferred_steps`).
 A lattice point is reached when the search first looks at a step to it, even if the step is
 discarded. Only reached points have a place in the search's memory (`lattice_points`). A large
 lattice therefore takes little time to create.
+
+The loop differs from that of `search.s2_astar` in two points: it takes deferred steps and states in
+turn, by their estimates, and paths that reach a cost limit are discarded.
 """
 
 import math

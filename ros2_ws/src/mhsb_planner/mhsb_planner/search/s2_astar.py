@@ -7,6 +7,10 @@ expanded state is final. If rounding makes a later path cheaper, the state is ex
 All states of one posture have the same steps to other states. A state is skipped if it is cheaper
 to reach another state of its posture and to switch modes there. Numbers of mode switches obey the
 triangle inequality, so the other state leads to all successors at no greater cost.
+
+The loop differs from that of `integrated.lattice_search` in two points: all steps of a posture are
+priced when one of its states is first expanded, and of paths at equal cost the one with fewer steps
+is kept.
 """
 
 import math
@@ -366,32 +370,21 @@ class ExactSearch:
         """
         steps, end = self._query.graph.steps, self.expanded + limit
         with steps.guard():
-            status = self._expand(limit)
-            while status == ARRAYS_FULL:
+            while True:
+                status = expand(
+                    self._open_list,
+                    self._labels,
+                    steps.cost_model,
+                    steps.edges,
+                    self._buffers,
+                    self._search_input,
+                    end - self.expanded,
+                )
+                if status != ARRAYS_FULL:
+                    return int(status)
                 steps.grow(
                     compute_max_step_count(steps.cost_model.layout, steps.cost_model.patterns)
                 )
-                status = self._expand(end - self.expanded)
-        return status
-
-    def _expand(self, limit: int) -> int:
-        """Call the kernel `expand` once, without enlarging the graph's arrays.
-
-        Returns:
-            Result of the kernel `expand`; ARRAYS_FULL if the arrays must be enlarged first.
-        """
-        steps = self._query.graph.steps
-        return int(
-            expand(
-                self._open_list,
-                self._labels,
-                steps.cost_model,
-                steps.edges,
-                self._buffers,
-                self._search_input,
-                limit,
-            )
-        )
 
     def trace_path(self) -> tuple[IntArray, IntArray]:
         """Return the states and steps of the path that the search has found.
