@@ -255,8 +255,9 @@ def _complete_definitions(survey: Survey) -> Definitions:
     """Return the schemas and channels of a file, with substitutes for those that are lost.
 
     If messages refer to a channel whose record is lost, a channel with the topic
-    /unknown/channel_ID is added. If a channel refers to a schema whose record is lost, a schema of
-    the type UNKNOWN_TYPE is added. It has no message definition.
+    /unknown/channel_ID is added. Its schema gets the highest id that no schema has and no channel
+    refers to. If a channel refers to a schema that is not there, a schema of the type UNKNOWN_TYPE
+    is added. It has no message definition.
 
     Args:
         survey: Findings in the file; not changed.
@@ -266,43 +267,15 @@ def _complete_definitions(survey: Survey) -> Definitions:
         A channel with the schema id 0 has no schema.
     """
     found = survey.definitions
-    definitions = Definitions(dict(found.schemas), dict(found.channels))
-    for channel_id in survey.counts:
-        if channel_id not in definitions.channels:
-            topic = f"/unknown/channel_{channel_id}"
-            schema_id = _unknown_schema(definitions)
-            encoding = bag_format.SERIALIZATION_FORMAT
-            definitions.channels[channel_id] = Channel(channel_id, topic, encoding, {}, schema_id)
-    for channel in list(definitions.channels.values()):
-        if channel.schema_id not in (0, *definitions.schemas):
-            definitions.schemas[channel.schema_id] = _make_unknown_schema(channel.schema_id)
-    return definitions
-
-
-def _unknown_schema(definitions: Definitions) -> int:
-    """Return the id of the schema of the type UNKNOWN_TYPE.
-
-    If there is no such schema, it is added under the highest free id. An id is free if no schema
-    has it and no channel refers to it.
-
-    Args:
-        definitions: Schemas and channels of the file. The schema is added in place.
-
-    Returns:
-        Id of the schema.
-    """
-    used = {channel.schema_id for channel in definitions.channels.values()}
-    for schema_id, schema in definitions.schemas.items():
-        if schema.name == UNKNOWN_TYPE:
-            return schema_id
-    free = next(n for n in range(2**16 - 1, 0, -1) if n not in used | definitions.schemas.keys())
-    definitions.schemas[free] = _make_unknown_schema(free)
-    return free
-
-
-def _make_unknown_schema(schema_id: int) -> Schema:
-    """Return a schema of the type UNKNOWN_TYPE without a definition."""
-    return Schema(schema_id, b"", bag_format.SCHEMA_ENCODING, UNKNOWN_TYPE)
+    schemas, channels = dict(found.schemas), dict(found.channels)
+    used = {*schemas, *(channel.schema_id for channel in channels.values())}
+    free = next(number for number in range(2**16 - 1, 0, -1) if number not in used)
+    for channel_id in survey.counts.keys() - channels.keys():
+        topic, encoding = f"/unknown/channel_{channel_id}", bag_format.SERIALIZATION_FORMAT
+        channels[channel_id] = Channel(channel_id, topic, encoding, {}, free)
+    for schema_id in {channel.schema_id for channel in channels.values()} - {0, *schemas}:
+        schemas[schema_id] = Schema(schema_id, b"", bag_format.SCHEMA_ENCODING, UNKNOWN_TYPE)
+    return Definitions(schemas, channels)
 
 
 def _nameless(survey: Survey) -> int:

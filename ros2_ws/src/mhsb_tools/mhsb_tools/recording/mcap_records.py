@@ -45,10 +45,7 @@ channels take kilobytes.
 """
 
 COMPRESSED_MAGICS = {"": b"", "lz4": b"\x04\x22\x4d\x18", "zstd": b"\x28\xb5\x2f\xfd"}
-"""First bytes of a chunk's packed content, by the name of its compression."""
-
-KNOWN_COMPRESSIONS = tuple(COMPRESSED_MAGICS)
-"""Names of the compressions that can be unpacked; empty for none."""
+"""First bytes of a chunk's packed content, by the name of its compression; empty for none."""
 
 
 class StructureError(Exception):

@@ -25,7 +25,6 @@ from mhsb_tools.recording.mcap_records import (
     COMPRESSED_MAGICS,
     FILE_MAGIC,
     FIRST_PRIVATE_OPCODE,
-    KNOWN_COMPRESSIONS,
     MAX_CHUNK_SIZE,
     MESSAGE_HEAD,
     RECORD_HEADER,
@@ -350,7 +349,7 @@ class McapWalk:
             return None
         (_, length), content = RECORD_HEADER.unpack_from(head), head[RECORD_HEADER.size :]
         _, _, unpacked, checksum = CHUNK_TIMES.unpack_from(content)
-        for compression in KNOWN_COMPRESSIONS:
+        for compression, magic in COMPRESSED_MAGICS.items():
             fields = CHUNK_TIMES.size + 4 + len(compression) + 8
             stated = int.from_bytes(content[fields - 8 : fields], "little")
             begin = at + RECORD_HEADER.size + fields
@@ -361,7 +360,7 @@ class McapWalk:
                 if checksum == 0 or not self._structure.can_continue_at(begin + size):
                     continue
                 packed = self._file.read(begin, size)
-                if not packed.startswith(COMPRESSED_MAGICS[compression]):
+                if not packed.startswith(magic):
                     continue
                 self._file.count_unpacked(size if not compression else MAX_CHUNK_SIZE)
                 try:
