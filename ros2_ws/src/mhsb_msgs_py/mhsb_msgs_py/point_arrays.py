@@ -18,7 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.trajectory import SECOND_NS
@@ -113,6 +114,8 @@ def read_stamp(raw: bytes) -> int:
 def to_bytes(arrays: PointArrays) -> bytes:
     """Serialize a message from its arrays.
 
+    rclpy serializes stamp and names; the points follow as one NumPy array.
+
     Args:
         arrays: Content with at least one point. The positions must have at least one column. Every
             other array is empty or has as many columns as the positions.
@@ -120,23 +123,20 @@ def to_bytes(arrays: PointArrays) -> bytes:
     Returns:
         Bytes of the message, as rclpy would serialize it.
     """
-    head = bytearray(TIME_FORMAT.pack(*_split_seconds(arrays.stamp_ns)))
-    _append_text(head, "")  # the frame
-    _append_count(head, len(arrays.joint_names))
-    for name in arrays.joint_names:
-        _append_text(head, name)
-    _append_count(head, len(arrays.time_ns))
+    header = Header(stamp=stamps.to_time(arrays.stamp_ns))
+    empty = serialize_message(JointTrajectory(header=header, joint_names=list(arrays.joint_names)))
+    head = empty[: -COUNT_FORMAT.size] + COUNT_FORMAT.pack(len(arrays.time_ns))
     values = {field: np.asarray(getattr(arrays, field), dtype=np.float64) for field in POINT_FIELDS}
     given = tuple(field for field in POINT_FIELDS if values[field].size > 0)
     columns = values["positions"].shape[1]
     points = np.zeros(len(arrays.time_ns), _make_point_dtype(columns, given))
     for field in given:
         points[f"{field} count"], points[field] = columns, values[field]
-    points["sec"], points["nanosec"] = _split_seconds(arrays.time_ns)
+    points["sec"], points["nanosec"] = np.divmod(arrays.time_ns, SECOND_NS)
     body = points.tobytes()
-    if len(head) % 8 == 0:  # the first point's positions need padding
+    if (len(head) - len(CDR_ENCAPSULATION)) % 8 == 0:  # the first point's positions need padding
         body = body[:4] + bytes(4) + body[4:]
-    return CDR_ENCAPSULATION + bytes(head) + body
+    return head + body
 
 
 def _check_count(what: str, count: int, most: int) -> None:
@@ -355,28 +355,6 @@ def _make_point_dtype(columns: int, given: tuple[str, ...]) -> np.dtype:
             "itemsize": at + 8,
         }
     )
-
-
-def _split_seconds(time_ns: int | IntArray) -> tuple[int | IntArray, int | IntArray]:
-    """Split times [ns] into whole seconds and the remaining nanoseconds."""
-    return time_ns // SECOND_NS, time_ns % SECOND_NS
-
-
-def _append_count(head: bytearray, count: int) -> None:
-    """Append a number of elements, aligned to 4 bytes, to `head` in place."""
-    head += bytes(-len(head) % 4) + COUNT_FORMAT.pack(count)
-
-
-def _append_text(head: bytearray, text: str) -> None:
-    """Append a text to the start of a message: its length, its bytes and a zero byte.
-
-    Args:
-        head: Bytes so far, extended in place.
-        text: The text.
-    """
-    content = text.encode() + b"\0"
-    _append_count(head, len(content))
-    head += content
 
 
 def _make_unreadable_error(raw: bytes) -> MessageError:
