@@ -11,12 +11,11 @@ import numpy.typing as npt
 from mhsb_model.errors import ArgumentError
 from mhsb_model.figure_style import (
     BLACK,
-    GREEN,
     GREY,
+    JOINT_COLORS,
     MODE_COLOR,
     PALE,
     PATH_COLOR,
-    PURPLE,
     RC_PARAMETERS,
     Axes,
     rgb,
@@ -45,7 +44,6 @@ BACKGROUND_COLOR = "#ffffff"
 SAMPLES_BETWEEN, CYLINDER_MARGIN = 5, 0.08
 """Room for cylinders on the axes: every fifth instant is examined, and 0.08 m is added."""
 
-LINE_COLORS = (BLACK, GREEN, PURPLE, GREY)
 BARREL_WIDTH, BAR_WIDTH, LINK_WIDTH = 7.0, 2.5, 5.0
 """Line widths of cylinder barrels, other bars and links [points]."""
 
@@ -257,7 +255,7 @@ class _Film:
         """
         move = self._move
         for j in range(move.machine.joint_count):
-            color, label = LINE_COLORS[j % len(LINE_COLORS)], f"actuator {j + 1}"
+            color, label = JOINT_COLORS[j % len(JOINT_COLORS)], f"actuator {j + 1}"
             axes.plot(move.time, PER_MPA * move.supply[:, j], color=color, label=label)
         top = max(1.5 * move.machine.arrays.supply_pressure, 1.2 * float(move.supply.max()))
         axes.set(

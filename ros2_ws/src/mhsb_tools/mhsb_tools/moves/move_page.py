@@ -35,7 +35,7 @@ from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.limits.usage import compute_speed_limit
 from mhsb_tools.moves.move import MoveRecord, move_of_plan
 from mhsb_tools.moves.workspace_drawing import (
-    draw_arm,
+    draw_arm_at_ends,
     draw_obstacles,
     draw_workspace_axes,
     widen_axes_to_arm,
@@ -135,8 +135,7 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
 
     draw_workspace_axes(move.machine, axes)
     draw_obstacles(move.machine, axes, move.position)
-    for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
-        draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
+    draw_arm_at_ends(move.machine, move.position, axes)
     widen_axes_to_arm(move.machine, move.position[[0, -1]], axes)
     draw_tip_path(move.tip, move.modes, axes)
     several = len(move.goals) > 1
@@ -503,7 +502,9 @@ def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
     given = _parts(energy, -1.0, total)
     taken = _parts(energy, 1.0, total)
     scale = (1.0 - BAND_GAP * max(len(taken) - 1, 0)) / max(sum(taken.values()), total)
-    _draw_givers(given, total, scale, axes)
+    heights = scale * np.array(list(given.values()))
+    tops = (1.0 - heights.sum()) / 2 + np.cumsum([0.0, *heights[:-1]])
+    _draw_column(given, tops, heights, total, -1, axes)
     _draw_takers(taken, total, scale, axes)
 
 
@@ -526,25 +527,6 @@ def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, 
     return {name: value for name, value in parts.items() if value > LEAST_SHARE * total}
 
 
-def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
-    """Draw the energy sources as bars in one column on the left, each with a label.
-
-    The bars have the same width and stand on each other without gaps; the column is centred
-    vertically. Labels are left of the column, with name, energy [J] and percentage of `total`.
-
-    Args:
-        given: Energy of each source [J], in order from the top.
-        total: Sum of the energies of all sources [J], for the percentages in the labels.
-        scale: Height of a bar, as a share of the axes' height, per energy [1/J].
-        axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
-    """
-    heights = [scale * value for value in given.values()]
-    tops = (1.0 - sum(heights)) / 2 + np.cumsum([0.0, *heights[:-1]])
-    for name, top, height in zip(given, tops, heights, strict=True):
-        _draw_bar(SOURCE_POSITION - BAR_WIDTH, float(top), height, name, axes)
-    _write_all(given, tops + np.array(heights) / 2, total, SOURCE_POSITION - BAR_WIDTH, -1, axes)
-
-
 def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
     """Draw a bar with a label for each use of energy on the right, and a band that leads to it.
 
@@ -562,8 +544,7 @@ def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: A
     leaves, tops = (1.0 - heights.sum()) / 2 + above, above + BAND_GAP * np.arange(len(heights))
     for name, leave, top, height in zip(taken, leaves, tops, heights, strict=True):
         _draw_band(leave, top, height, name, axes)
-        _draw_bar(SINK_POSITION, top, height, name, axes)
-    _write_all(taken, tops + heights / 2, total, SINK_POSITION + BAR_WIDTH, 1, axes)
+    _draw_column(taken, tops, heights, total, 1, axes)
 
 
 def label_places(middles: FloatArray) -> FloatArray:
@@ -586,25 +567,32 @@ def label_places(middles: FloatArray) -> FloatArray:
     return np.asarray(np.maximum.accumulate(free) + own)
 
 
-def _write_all(
+def _draw_column(
     parts: Mapping[str, float],
-    middles: FloatArray,
+    tops: FloatArray,
+    heights: FloatArray,
     total: float,
-    edge: float,
     side: int,
     axes: Axes,
 ) -> None:
-    """Write name, energy [J] and share of the total [%] beside each bar, with a thin line to it.
+    """Draw a bar for each source or use of energy, and beside it a label with a thin line to it.
+
+    A label has name, energy [J] and share of the total [%].
 
     Args:
-        parts: Energy by name [J].
-        middles: Middle of each bar, as a share of the axes' height from the top, shape (k,),
+        parts: Energy by name [J]; the name selects the colour of the bar.
+        tops: Upper edge of each bar, as a share of the axes' height from the top, shape (k,),
             aligned with `parts`.
+        heights: Height of each bar, in the same unit, shape (k,).
         total: Sum of the energies of all sources [J], for the percentages.
-        edge: Horizontal position of the bars' edge, as a share of the axes' width.
-        side: 1 writes to the right, −1 to the left.
+        side: −1 draws the column of sources with labels on its left, 1 that of uses with labels on
+            its right.
         axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
     """
+    left = SINK_POSITION if side > 0 else SOURCE_POSITION - BAR_WIDTH
+    colors = [ITEM_COLORS.get(name, PALE) for name in parts]
+    axes.bar(left, heights, BAR_WIDTH, tops, align="edge", color=colors, linewidth=0)
+    edge, middles = left + BAR_WIDTH * (side > 0), tops + heights / 2
     for (name, value), middle, height in zip(
         parts.items(), middles, label_places(middles), strict=True
     ):
@@ -615,22 +603,6 @@ def _write_all(
         axes.text(
             far + side * 0.008, height, text, ha=where, va="center", fontsize=8, linespacing=1.05
         )
-
-
-def _draw_bar(left: float, top: float, height: float, name: str, axes: Axes) -> None:
-    """Draw one bar of width `BAR_WIDTH`.
-
-    Args:
-        left: Left edge, as a share of the axes' width.
-        top: Upper edge, as a share of the axes' height from the top.
-        height: Height of the bar, as a share of the axes' height.
-        name: Part of the energy; it selects the colour.
-        axes: Axes to draw on; x goes from 0 to 1, and y from 1 (bottom) to 0 (top).
-    """
-    from matplotlib.patches import Rectangle
-
-    color = ITEM_COLORS.get(name, PALE)
-    axes.add_patch(Rectangle((left, top), BAR_WIDTH, height, facecolor=color, edgecolor="none"))
 
 
 def _draw_band(left_edge: float, right_edge: float, height: float, name: str, axes: Axes) -> None:

@@ -245,6 +245,18 @@ def draw_arm(machine: Machine, q: FloatArray, axes: Axes, **style: Any) -> None:
     axes.plot(*points.T, marker="o", markersize=5, **(look | style))
 
 
+def draw_arm_at_ends(machine: Machine, postures: FloatArray, axes: Axes) -> None:
+    """Draw the arm at the start of a motion (dashed) and at its end (solid), with labels.
+
+    Args:
+        machine: The arm.
+        postures: Postures of the motion, shape (k, n) [rad, telescopes m].
+        axes: Axes to draw on.
+    """
+    for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
+        draw_arm(machine, postures[row], axes, linestyle=style, label=label)
+
+
 def widen_axes_to_arm(machine: Machine, postures: FloatArray, axes: Axes) -> None:
     """Widen the axes so that the arm fits in, with a margin of BORDER_WIDTH.
 

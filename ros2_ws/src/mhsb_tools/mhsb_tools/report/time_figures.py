@@ -1,6 +1,8 @@
 """Figures of a recording over time: joints, tip, modes, pressures, energy and estimates."""
 
 from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +67,36 @@ def mark_take_overs(run: EvaluatedRecording, axes: Axes) -> None:
         )
 
 
+@contextmanager
+def open_time_figure(
+    run: EvaluatedRecording, path: Path, height: float, rows: int, columns: int = 1, **shape: Any
+) -> Iterator[np.ndarray]:
+    """Open a figure over time, as a context manager, and write it when the block ends.
+
+    After the block, vertical lines mark the times at which plans took over, the time axis spans the
+    recording, and a legend above has all labels.
+
+    Args:
+        run: The evaluated recording.
+        path: PNG file to write.
+        height: Height of the figure [in].
+        rows: Number of rows of axes.
+        columns: Number of columns of axes.
+        **shape: Further arguments of `Figure.subplots`.
+
+    Yields:
+        Axes with a common time axis [s since the first joint state], shape (rows, columns).
+    """
+    with open_figure(path, height) as figure:
+        axes = figure.subplots(rows, columns, sharex=True, squeeze=False, **shape)
+        yield axes
+        for each in axes.flat:
+            mark_take_overs(run, each)
+        for each in axes[-1]:
+            limit_time_axis(run, each)
+        legend_above(figure, *axes.flat)
+
+
 def shade_modes(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
     """Draw a pale band behind each time span in which an actuator is boosted.
 
@@ -124,8 +156,7 @@ def draw_joints(run: EvaluatedRecording, path: Path) -> None:
     both = np.isin(states.time_ns, run.tip.time_ns)
     reference, _, _ = run.reference.sample_many(states.time_ns[both])
     error = 1e3 * (states.position[both] - reference)
-    with open_figure(path, 1.2 + 2.0 * n) as figure:
-        axes = figure.subplots(n, 2, sharex=True, squeeze=False)
+    with open_time_figure(run, path, 1.2 + 2.0 * n, n, 2) as axes:
         for j, (angles, errors) in enumerate(axes):
             slides = run.machine.arrays.slides[j]
             shown = PER_MM if slides else np.degrees(1.0)
@@ -151,11 +182,6 @@ def draw_joints(run: EvaluatedRecording, path: Path) -> None:
                 label="measured − reference",
             )
             errors.set_ylabel(f"error [{'mm' if slides else 'mrad'}]")
-            for each in (angles, errors):
-                mark_take_overs(run, each)
-        for lowest in axes[-1]:
-            limit_time_axis(run, lowest)
-        legend_above(figure, *axes[0])
 
 
 def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
@@ -173,8 +199,7 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
     time_ns = run.tip.time_ns
     error = PER_MM * run.tip.error
     goal_time_ns, distance = compute_goal_distance(run)
-    with open_figure(path, 5.2) as figure:
-        upper, lower = figure.subplots(2, 1, sharex=True)
+    with open_time_figure(run, path, 5.2, 2) as ((upper,), (lower,)):
         draw_line(upper, to_seconds(run, time_ns), error, color=GREEN, label="tip from reference")
         if np.any(run.tip.moving):
             rms = np.sqrt(np.mean(error[run.tip.moving] ** 2))
@@ -196,10 +221,6 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
             yscale="log",
             ylabel="distance to goal [mm]",
         )
-        for each in (upper, lower):
-            mark_take_overs(run, each)
-        limit_time_axis(run, lower)
-        legend_above(figure, upper, lower)
 
 
 def compute_goal_distance(run: EvaluatedRecording) -> tuple[IntArray, FloatArray]:
@@ -248,17 +269,14 @@ def draw_modes(run: EvaluatedRecording, path: Path) -> None:
         path: PNG file to write.
     """
     n = run.machine.joint_count
-    with open_figure(path, 2.4 + 0.5 * n) as figure:
-        bars, modules = figure.subplots(
-            2, 1, sharex=True, height_ratios=(0.5 * n, 1.0), squeeze=True
-        )
+    heights = (0.5 * n, 1.0)
+    with open_time_figure(run, path, 2.4 + 0.5 * n, 2, height_ratios=heights) as (
+        (bars,),
+        (modules,),
+    ):
         labels = {mode: f"mode {mode.name}" for mode in Mode}
         draw_labelled_mode_bars(*get_mode_rows(run), labels, bars)
         _draw_modules(run, modules)
-        for each in (bars, modules):
-            mark_take_overs(run, each)
-        limit_time_axis(run, modules)
-        legend_above(figure, bars, modules)
 
 
 def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
@@ -299,9 +317,8 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
         ("rod_pressure", "rod-side chamber", PURPLE),
         ("supply_pressure", "supply line", BLACK),
     )
-    with open_figure(path, 1.2 + 2.4 * n) as figure:
-        axes = figure.subplots(n, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for j, each in enumerate(axes):
+    with open_time_figure(run, path, 1.2 + 2.4 * n, n, sharey=True) as axes:
+        for j, each in enumerate(axes[:, 0]):
             shade_modes(run, each, j)
             for quantity, label, color in lines:
                 draw_line(
@@ -313,10 +330,7 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
                     label=label,
                 )
             draw_pressure_limits(run, each, j)
-            mark_take_overs(run, each)
             each.set_ylabel(f"actuator {j + 1} [MPa]")
-        limit_time_axis(run, axes[-1])
-        legend_above(figure, *axes)
 
 
 def draw_pressure_limits(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
@@ -368,8 +382,7 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
         (energy.one_pump, f"one pump at constant {pressure:.1f} MPa (highest need)", BLACK, "-"),
         (energy.planned_series, "planner's model of what was followed", PURPLE, "--"),
     ]
-    with open_figure(path, 6.0) as figure:
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    with open_time_figure(run, path, 6.0, 2, height_ratios=(3, 2)) as ((upper,), (lower,)):
         upper.stackplot(
             time,
             energy.main_pump,
@@ -388,10 +401,6 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
             upper.set_title(energy.describe_saving())
         lower.set_ylabel("power [W]")
         lower.set_ylim(bottom=0.0)
-        for each in (upper, lower):
-            mark_take_overs(run, each)
-        limit_time_axis(run, lower)
-        legend_above(figure, upper)
 
 
 def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: list[Planned]) -> None:

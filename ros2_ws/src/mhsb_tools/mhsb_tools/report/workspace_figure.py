@@ -7,7 +7,11 @@ import numpy as np
 from mhsb_model.figure_style import BLACK, Axes, open_figure
 from mhsb_tools.moves.move_page import PATH_WIDTH, draw_tip_path
 from mhsb_tools.moves.operating_regions import OperatingRegions
-from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
+from mhsb_tools.moves.workspace_drawing import (
+    draw_arm_at_ends,
+    draw_regions,
+    draw_workspace_axes,
+)
 from mhsb_tools.report.recorded_run import EvaluatedRecording
 
 PATH_STEP = 0.002
@@ -31,25 +35,10 @@ def draw_workspace(run: EvaluatedRecording, regions: OperatingRegions, path: Pat
         axes = figure.subplots()
         draw_regions(regions, axes)
         draw_workspace_axes(run.machine, axes)
-        _draw_arm(run, axes)
+        draw_arm_at_ends(run.machine, run.recording.joint_states.position, axes)
         _draw_path(run, axes)
         _draw_goals(run, axes)
         figure.legend(loc="outside right upper")
-
-
-def _draw_arm(run: EvaluatedRecording, axes: Axes) -> None:
-    """Draw the arm in its first measured posture (dashed) and in its last one (solid).
-
-    Args:
-        run: The evaluated recording.
-        axes: Axes to draw on.
-    """
-    position = run.recording.joint_states.position
-    for q, style, label in (
-        (position[0], "--", "arm at the start"),
-        (position[-1], "-", "arm at the end"),
-    ):
-        draw_arm(run.machine, q, axes, linestyle=style, label=label)
 
 
 def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:

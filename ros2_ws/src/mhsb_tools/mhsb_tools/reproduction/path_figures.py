@@ -13,7 +13,7 @@ from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_tools.moves.move_page import draw_tip_path
 from mhsb_tools.moves.operating_regions import determine_operating_regions
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
-from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
+from mhsb_tools.reproduction.fits import FittedRuns
 from mhsb_tools.reproduction.runs import Runs
 
 DRAWN_POSTURES = 5
@@ -49,7 +49,8 @@ def draw_paths(runs: Runs, fits: FittedRuns, names: Sequence[str], place: Path) 
                 _draw_arms(runs, path, axes)
                 draw_discrete_path(path, axes)
             if name in fits.by_run:
-                _draw_tip(fits.by_run[name], axes)
+                fit = fits.by_run[name]
+                draw_tip_path(fit.profile.tip, fit.modes, axes, "trajectory (S3)")
             axes.set_title(f"Case {name}")
         legend_above(figure, *panels)
     write_rows(
@@ -91,16 +92,6 @@ def _draw_arms(runs: Runs, path: DiscretePath, axes: Axes) -> None:
     chosen = np.unique(np.linspace(0, path.steps, DRAWN_POSTURES).round().astype(np.int64))
     for q in path.posture[chosen]:
         draw_arm(runs.machine, q, axes, color=GREY, linewidth=1.6, alpha=0.45)
-
-
-def _draw_tip(fit: FittedRun, axes: Axes) -> None:
-    """Draw the tip's path in a trajectory in the colours of all boosted modes in force.
-
-    Args:
-        fit: The sampled trajectory and its modes.
-        axes: Axes to draw on: x and z of the tip [m].
-    """
-    draw_tip_path(fit.profile.tip, fit.modes, axes, "trajectory (S3)")
 
 
 def _path_rows(runs: Runs, fits: FittedRuns, name: str) -> Iterator[tuple[Any, ...]]:
