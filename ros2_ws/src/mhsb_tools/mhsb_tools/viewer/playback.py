@@ -19,7 +19,7 @@ from mhsb_tools.viewer.arm_scene import FRAME_PERIOD, ArmScene
 from mhsb_tools.viewer.energy_flow import compute_powers, integrate_power
 from mhsb_tools.viewer.marker_scene import MarkerScene
 from mhsb_tools.viewer.panel import SentenceList, describe_report
-from mhsb_tools.viewer.plots import NO_NUMBERS, PLOT_SPAN, Plots, SnapshotColumns
+from mhsb_tools.viewer.plots import NO_NUMBERS, PLOT_SPAN, Plots, Snapshots
 
 PLOT_PERIOD = 0.25  # s
 """Change of the shown time after which plots are drawn again [s]."""
@@ -134,7 +134,7 @@ class Playback:
             self._plotted = at
             self._plots.show(self.get_columns(at))
 
-    def get_columns(self, at: float) -> SnapshotColumns:
+    def get_columns(self, at: float) -> Snapshots:
         """Return the states that the plots show at one instant.
 
         Args:
@@ -152,9 +152,7 @@ class Playback:
         if len(actuators.time_ns):
             rows = _find_rows(actuators.time_ns, times_ns)
             pressure = actuators.quantity["supply_pressure"][rows]
-        return SnapshotColumns(
-            seconds, pressure, self._modes_at(times_ns), self._energy_at(times_ns)
-        )
+        return Snapshots(seconds, pressure, self._modes_at(times_ns), self._energy_at(times_ns))
 
     def _modes_at(self, times_ns: IntArray) -> ModeArray:
         """Return the modes in force at given times.

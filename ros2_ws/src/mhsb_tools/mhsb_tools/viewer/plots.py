@@ -2,8 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from viser import GuiApi, uplot
@@ -27,29 +26,8 @@ NO_NUMBERS = np.full(4, np.nan)
 """Energies that are all unknown."""
 
 
-@dataclass(frozen=True, eq=False)
-class ArmSnapshot:
-    """State of an arm with n joints at one instant.
-
-    Attributes:
-        time: Time of the state [s].
-        posture: Joint positions, shape (n,) [rad; m for telescopes].
-        modes: Mode codes in force, uint8 (n,).
-        supply_pressure: Pressure in the line that feeds each valve, shape (n,) [Pa]; nan if
-            unknown.
-        energy: Energies in the order of `energy_flow.ITEM_NAMES`, shape (4,) [J]; nan if unknown.
-    """
-
-    time: float
-    posture: FloatArray
-    modes: ModeArray
-    supply_pressure: FloatArray
-    energy: FloatArray = field(default_factory=NO_NUMBERS.copy)
-
-
-@dataclass(frozen=True, eq=False)
-class SnapshotColumns:
-    """States of an arm with n joints at k instants, as columns.
+class Snapshots(NamedTuple):
+    """States of an arm with n joints at k instants, as columns; or one state, without the axis k.
 
     Attributes:
         time: Time of each state, shape (k,) [s].
@@ -59,7 +37,7 @@ class SnapshotColumns:
         energy: Energies in the order of `energy_flow.ITEM_NAMES`, shape (k, 4) [J]; nan if unknown.
     """
 
-    time: FloatArray
+    time: Any
     supply_pressure: FloatArray
     modes: ModeArray
     energy: FloatArray
@@ -76,16 +54,16 @@ class SnapshotHistory:
         """
         self._span = span
         self._began = 0.0
-        self._moments: deque[ArmSnapshot] = deque()
+        self._moments: deque[Snapshots] = deque()
 
-    def add(self, moment: ArmSnapshot) -> None:
+    def add(self, moment: Snapshots) -> None:
         """Add a state, and discard those that are more than the span older than this one.
 
         If the new state is earlier than the previous state, as after a restart of the simulator,
         the history is cleared first.
 
         Args:
-            moment: The state.
+            moment: One state.
         """
         kept = self._moments
         if kept and moment.time < kept[-1].time:
@@ -96,20 +74,15 @@ class SnapshotHistory:
         while kept[0].time < moment.time - self._span:
             kept.popleft()
 
-    def get_columns(self) -> SnapshotColumns:
+    def get_columns(self) -> Snapshots:
         """Return the kept states as columns; the history must not be empty.
 
         Returns:
             The states in time order. Times [s] count from the first state that was added to the
             empty or cleared history.
         """
-        kept = list(self._moments)
-        return SnapshotColumns(
-            np.array([each.time - self._began for each in kept]),
-            np.array([each.supply_pressure for each in kept]),
-            np.array([each.modes for each in kept]),
-            np.array([each.energy for each in kept]),
-        )
+        time, *others = (np.array(column) for column in zip(*self._moments, strict=True))
+        return Snapshots(time - self._began, *others)
 
 
 JOINT_COLORS = (TEAL, PURPLE, GREEN, BROWN)
@@ -154,7 +127,7 @@ class Plots:
         )
         self._losses: Any = gui.add_markdown(energy_flow.describe_energies(NO_NUMBERS))
 
-    def show(self, lines: SnapshotColumns) -> None:
+    def show(self, lines: Snapshots) -> None:
         """Replace the lines of all plots, and the sentence on the energies at their end.
 
         Args:

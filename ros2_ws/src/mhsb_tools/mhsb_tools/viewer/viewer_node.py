@@ -33,6 +33,7 @@ from mhsb_msgs_py import (
     topics,
 )
 from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.topics import Topic
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_planner.ros.goal_sender import GoalSender
@@ -46,7 +47,7 @@ from mhsb_tools.viewer.arm_scene import FRAME_PERIOD, ArmScene
 from mhsb_tools.viewer.energy_flow import EnergyCounter
 from mhsb_tools.viewer.marker_scene import MarkerScene
 from mhsb_tools.viewer.panel import Panel, describe_report, make_initial_goal
-from mhsb_tools.viewer.plots import PLOT_SPAN, ArmSnapshot, Plots, SnapshotHistory
+from mhsb_tools.viewer.plots import PLOT_SPAN, Plots, SnapshotHistory, Snapshots
 
 FRAMES_PER_PLOT = 5
 """Number of frames after which plots, state and polytope are drawn again."""
@@ -374,21 +375,21 @@ class ViewerNode(GoalSender):
         if data is None:
             return
         try:
-            moment, speed = self._decode_newest(data)
+            joints, moment = self._decode_newest(data)
         except MessageError as error:
             self._panel.show_state(f"the arm is not understood: {error}")
             return
         with self._server.atomic():
-            self._arm.show(moment.posture, moment.modes)
+            self._arm.show(joints.position, self._modes)
         self._frames += 1
         self._history.add(moment)
         if self._frames % FRAMES_PER_PLOT == 0:
             if self._shown_abilities[0]:
-                self._polytope.show(moment.posture, moment.modes)
-            self._panel.show_state(self._describe_state(moment, speed))
+                self._polytope.show(joints.position, self._modes)
+            self._panel.show_state(self._describe_state(joints))
             self._plots.show(self._history.get_columns())
 
-    def _decode_newest(self, data: bytes) -> tuple[ArmSnapshot, float]:
+    def _decode_newest(self, data: bytes) -> tuple[JointSample, Snapshots]:
         """Decode joint states, and combine them with the last known modes, pressures and energies.
 
         The newest actuator states give the pressures, however old they are. If none have come since
@@ -400,7 +401,7 @@ class ViewerNode(GoalSender):
             data: One serialized message of joint states.
 
         Returns:
-            State of the arm, and largest absolute joint speed [rad/s, telescopes m/s].
+            Motion of the joints, and the state of the arm that the plots show.
 
         Raises:
             MessageError: The joint states or actuator states cannot be decoded.
@@ -414,27 +415,23 @@ class ViewerNode(GoalSender):
             sample = actuator_states.decode(state, machine.actuator_names)
             pressure = sample.supply_pressure
             self._flow.add_sample(sample, sample.stamp_ns / SECOND_NS)
-        energy = self._flow.energies
-        moment = ArmSnapshot(
-            joints.stamp_ns / SECOND_NS, joints.position, self._modes, pressure, energy
-        )
-        return moment, float(np.abs(joints.velocity).max())
+        time = joints.stamp_ns / SECOND_NS
+        return joints, Snapshots(time, pressure, self._modes, self._flow.energies)
 
-    def _describe_state(self, moment: ArmSnapshot, speed: float) -> str:
+    def _describe_state(self, joints: JointSample) -> str:
         """Describe the state of the arm in words.
 
         Args:
-            moment: State of the arm. Only `posture` is read.
-            speed: Largest absolute joint speed [rad/s, telescopes m/s]. Above MOVING_SPEED, the
-                text says that the arm moves.
+            joints: Motion of the joints.
 
         Returns:
-            Text with Markdown: whether the arm moves, the position of the tip [m], and the
-            simulator's fault or warning if there is one.
+            Text with Markdown: whether a joint is faster than MOVING_SPEED, the position of the tip
+            [m], and the simulator's fault or warning if there is one.
         """
-        tip = zip(self._machine.axes, self._machine.tip_in_base(moment.posture), strict=True)
+        tip = zip(self._machine.axes, self._machine.tip_in_base(joints.position), strict=True)
         where = ", ".join(f"{axis} {value:.3f} m" for axis, value in tip)
-        words = f"{'moving' if speed > MOVING_SPEED else 'at rest'}, tip at {where}"
+        moves = np.abs(joints.velocity).max() > MOVING_SPEED
+        words = f"{'moving' if moves else 'at rest'}, tip at {where}"
         if self._report is not None and (self._report.faulty or self._report.warning):
             words += f"\n\n**{self._report.sentence}**"
         return words

@@ -1,12 +1,10 @@
 import numpy as np
 
-from mhsb_tools.viewer.plots import ArmSnapshot, SnapshotHistory
+from mhsb_tools.viewer.plots import SnapshotHistory, Snapshots
 
 
-def moment(time: float) -> ArmSnapshot:
-    return ArmSnapshot(
-        time, np.zeros(3), np.zeros(3, dtype=np.uint8), np.full(3, 4e6), np.full(4, time)
-    )
+def moment(time: float) -> Snapshots:
+    return Snapshots(time, np.full(3, 4e6), np.zeros(3, dtype=np.uint8), np.full(4, time))
 
 
 def test_plots_look_back_for_their_span_and_count_from_the_beginning():
