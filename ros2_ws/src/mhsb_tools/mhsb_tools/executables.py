@@ -19,62 +19,69 @@ COMPLETION_FILE = Path(__file__).with_name("completion.bash")
 """Completion of the commands in bash, which `mhsb --completion` prints."""
 
 
-def _subcommand(
-    module: str, summary: str, make: Callable[[str], Callable[[], int]] = make_command_entry
-) -> tuple[Callable[[], int], str]:
-    """Make a subcommand that calls the function `main` of a module.
-
-    The module is imported only when the subcommand starts.
-
-    Args:
-        module: Full name of the module, such as `mhsb_tools.commands.plan_command`.
-        summary: What the subcommand does, for the list of all subcommands.
-        make: `make_command_entry` for a command, which an interrupt (SIGINT) ends with exit code
-            130. `make_node_entry` for one that runs until SIGINT, SIGTERM or SIGHUP ends it with
-            exit code 0.
-
-    Returns:
-        Function that runs the subcommand and returns the exit code, and the summary.
-    """
-    return make(module), summary
-
-
 SUBCOMMAND_TABLE = {
-    "check": _subcommand("mhsb_tools.commands.check_command", "what a machine file means"),
-    "plan": _subcommand("mhsb_tools.commands.plan_command", "plan one motion offline"),
-    "build-table": _subcommand("mhsb_planner.build_table", "compute a machine's posture table"),
-    "simulate": _subcommand("mhsb_tools.commands.simulate_command", "simulate goals without ROS"),
-    "demo": _subcommand("mhsb_tools.commands.demo_command", "both nodes, goals, recording, report"),
-    "record": _subcommand(
-        "mhsb_tools.recording.record_command",
+    "check": (make_command_entry("mhsb_tools.commands.check_command"), "what a machine file means"),
+    "plan": (make_command_entry("mhsb_tools.commands.plan_command"), "plan one motion offline"),
+    "build-table": (
+        make_command_entry("mhsb_planner.build_table"),
+        "compute a machine's posture table",
+    ),
+    "simulate": (
+        make_command_entry("mhsb_tools.commands.simulate_command"),
+        "simulate goals without ROS",
+    ),
+    "demo": (
+        make_command_entry("mhsb_tools.commands.demo_command"),
+        "both nodes, goals, recording, report",
+    ),
+    "record": (
+        make_node_entry("mhsb_tools.recording.record_command"),
         "record all topics; repair recordings",
-        make_node_entry,
     ),
-    "report": _subcommand(
-        "mhsb_tools.report.report_command", "pictures and numbers of a recording"
+    "report": (
+        make_command_entry("mhsb_tools.report.report_command"),
+        "pictures and numbers of a recording",
     ),
-    "animate": _subcommand(
-        "mhsb_tools.commands.animate_command", "a plan or recording as animation"
+    "animate": (
+        make_command_entry("mhsb_tools.commands.animate_command"),
+        "a plan or recording as animation",
     ),
-    "view": _subcommand(
-        "mhsb_tools.viewer.viewer_command", "the arm or a recording in a browser", make_node_entry
+    "view": (
+        make_node_entry("mhsb_tools.viewer.viewer_command"),
+        "the arm or a recording in a browser",
     ),
-    "study": _subcommand("mhsb_tools.study.study_command", "controllers on many simulated runs"),
-    "compare": _subcommand(
-        "mhsb_tools.comparison.compare_command", "planners and supplies compared"
+    "study": (
+        make_command_entry("mhsb_tools.study.study_command"),
+        "controllers on many simulated runs",
     ),
-    "tune": _subcommand("mhsb_tools.study.tune_command", "tune the gains of controllers"),
-    "reproduce": _subcommand(
-        "mhsb_tools.commands.reproduce_command", "the paper's cases and figures"
+    "compare": (
+        make_command_entry("mhsb_tools.comparison.compare_command"),
+        "planners and supplies compared",
     ),
-    "goal": _subcommand("mhsb_planner.ros.goal_command", "send a goal and print the verdict"),
-    "param": _subcommand("mhsb_tools.commands.param_command", "list, read and set parameters"),
-    "call": _subcommand("mhsb_tools.commands.call_command", "call a service, such as ~/stop"),
-    "echo": _subcommand(
-        "mhsb_tools.commands.echo_command", "print the messages of a topic", make_node_entry
+    "tune": (make_command_entry("mhsb_tools.study.tune_command"), "tune the gains of controllers"),
+    "reproduce": (
+        make_command_entry("mhsb_tools.commands.reproduce_command"),
+        "the paper's cases and figures",
     ),
+    "goal": (
+        make_command_entry("mhsb_planner.ros.goal_command"),
+        "send a goal and print the verdict",
+    ),
+    "param": (
+        make_command_entry("mhsb_tools.commands.param_command"),
+        "list, read and set parameters",
+    ),
+    "call": (
+        make_command_entry("mhsb_tools.commands.call_command"),
+        "call a service, such as ~/stop",
+    ),
+    "echo": (make_node_entry("mhsb_tools.commands.echo_command"), "print the messages of a topic"),
 }
-"""Entry point and summary of each subcommand, in the order of the list of `mhsb --help`."""
+"""Entry point and summary of each subcommand, in the order of the list of `mhsb --help`.
+
+An entry point imports the subcommand's module when it starts, and returns the exit code. An
+interrupt (SIGINT) ends a command with exit code 130. SIGINT, SIGTERM or SIGHUP end those that run
+until then (`make_node_entry`) with exit code 0."""
 
 
 def mhsb() -> int:

@@ -1,9 +1,7 @@
 """`reproduce`: run all cases and sweeps of the paper, and compare with the published values."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +15,7 @@ from mhsb_model.files.output_folders import make_output_folder
 from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.errors import RequestError
 from mhsb_planner.result_files import write_json, write_rows
+from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_tools.reproduction import operating_points
 from mhsb_tools.reproduction.expectations import (
     ExpectationResult,
@@ -132,13 +131,16 @@ def reproduce(
         points = operating_points.find_points(runs)
         operating_points.draw_points(fits, points, output / OPERATING_POINT)
         bar.update()
-    found = ExpectationJudgement.of(runs)
+    exact = judge_expectations(runs)
+    by_scale = {
+        scale: judge_expectations(runs.by_published_search(scale)) for scale in HEURISTIC_SCALES
+    }
     write_rows(output / "table.csv", TABLE_COLUMNS, _table_rows(runs, fits))
-    write_json(output / "summary.json", _summary(runs, fits, found, points))
+    write_json(output / "summary.json", _summary(runs, fits, exact, by_scale, points))
     if json_:
         print((output / "summary.json").read_text(encoding="utf-8"), end="")
         return
-    print("\n".join([*as_text(found), *operating_points.as_text(points)]))
+    print("\n".join([*as_text(exact, by_scale), *operating_points.as_text(points)]))
     print(f"written to {output}")
 
 
@@ -153,41 +155,8 @@ TABLE_COLUMNS = (
 """Columns of table.csv, in order."""
 
 
-@dataclass(frozen=True)
-class ExpectationJudgement:
-    """Judgement of the paper's expectations by the runs of the published and of the exact search.
-
-    Attributes:
-        published: Judgement of each expectation by the published search.
-        exact: Judgement of each expectation by the exact search, in the same order.
-        by_scale: Number of expectations that the published search meets, by the scale of its
-            heuristic [1/m].
-    """
-
-    published: list[ExpectationResult]
-    exact: list[ExpectationResult]
-    by_scale: dict[float, int]
-
-    @classmethod
-    def of(cls, runs: Runs) -> ExpectationJudgement:
-        """Judge all expectations by the published search and by the exact search.
-
-        An expectation is a statement of the paper that a run may meet or not.
-
-        Args:
-            runs: All runs by the exact search and by the published one. The published search must
-                have run with each scale of its heuristic in HEURISTIC_SCALES.
-
-        Returns:
-            The judgements.
-        """
-        by_scale = {
-            scale: count_met(judge_expectations(runs.by_published_search(scale)))
-            for scale in HEURISTIC_SCALES
-        }
-        return cls(
-            judge_expectations(runs.by_published_search()), judge_expectations(runs), by_scale
-        )
+Judgements = dict[float, list[ExpectationResult]]
+"""Judgements of all expectations by the published search, by the scale of its heuristic [1/m]."""
 
 
 def count_met(found: list[ExpectationResult]) -> int:
@@ -237,14 +206,19 @@ def _table_rows(runs: Runs, fits: FittedRuns) -> Iterator[list[Any]]:
 
 
 def _summary(
-    runs: Runs, fits: FittedRuns, found: ExpectationJudgement, points: Mapping[str, BestPoint]
+    runs: Runs,
+    fits: FittedRuns,
+    exact: list[ExpectationResult],
+    by_scale: Judgements,
+    points: Mapping[str, BestPoint],
 ) -> dict[str, Any]:
     """Collect the content of summary.json.
 
     Args:
         runs: All runs.
         fits: Trajectories that were made for some of the runs.
-        found: Judgement of all expectations (statements of the paper).
+        exact: Judgement of all expectations (statements of the paper) by the exact search.
+        by_scale: Their judgements by the published search.
         points: Best supply pressure, and best V_max (piston speed for planning), for Case 5, by
             name.
 
@@ -259,7 +233,7 @@ def _summary(
         - operating_points: by name, with case, number of examined points `looked_at`, and the
           fields of `OperatingPointResult`
     """
-    published = runs.by_published_search()
+    published, judged = runs.by_published_search(), by_scale[DEFAULT_HEURISTIC_SCALE]
 
     def expectation_entry(record: ExpectationResult, exact: ExpectationResult) -> dict[str, Any]:
         """Combine the two judgements of one expectation to a dictionary for JSON.
@@ -281,10 +255,12 @@ def _summary(
     return {
         "machine": runs.machine.name,
         "machine_hash": runs.machine.table_hash,
-        "met": count_met(found.published),
-        "met_exact": count_met(found.exact),
-        "met_by_heuristic_scale": {f"{scale:g}": count for scale, count in found.by_scale.items()},
-        "expectations": list(map(expectation_entry, found.published, found.exact)),
+        "met": count_met(judged),
+        "met_exact": count_met(exact),
+        "met_by_heuristic_scale": {
+            f"{scale:g}": count_met(each) for scale, each in by_scale.items()
+        },
+        "expectations": list(map(expectation_entry, judged, exact)),
         "operating_points": {
             name: {
                 "case": each.case,
@@ -296,11 +272,12 @@ def _summary(
     }
 
 
-def as_text(found: ExpectationJudgement) -> list[str]:
+def as_text(exact: list[ExpectationResult], by_scale: Judgements) -> list[str]:
     """Format the judgement of all expectations (statements of the paper) as text.
 
     Args:
-        found: Judgement of all expectations.
+        exact: Judgement of all expectations by the exact search.
+        by_scale: Their judgements by the published search.
 
     Returns:
         Lines without line breaks: column titles, three lines for each expectation, and a last line.
@@ -310,19 +287,19 @@ def as_text(found: ExpectationJudgement) -> list[str]:
         scales of its heuristic.
     """
     lines = ["expectation   search     met   what the paper says, and own"]
-    for published, exact in zip(found.published, found.exact, strict=True):
+    judged = by_scale[DEFAULT_HEURISTIC_SCALE]
+    for published, exactly in zip(judged, exact, strict=True):
         lines.append(f"{published.id:13s} {'':16s} {published.published}")
-        for search, record in (("published", published), ("exact", exact)):
+        for search, record in (("published", published), ("exact", exactly)):
             lines.append(
                 f"{'':13s} {search:10s} {'yes' if record.met else 'no':5s} {record.sentence}"
             )
-    count = len(found.exact)
-    by_scale = ", ".join(f"{each} at {scale:g}" for scale, each in found.by_scale.items())
+    counts = ", ".join(f"{count_met(each)} at {scale:g}" for scale, each in by_scale.items())
     return [
         *lines,
-        f"{count_met(found.published)} of {count} expectations are met by the published search, "
-        f"{count_met(found.exact)} by the exact one; with other scales of the published "
-        f"heuristic [1/m]: {by_scale}",
+        f"{count_met(judged)} of {len(exact)} expectations are met by the published search, "
+        f"{count_met(exact)} by the exact one; with other scales of the published "
+        f"heuristic [1/m]: {counts}",
     ]
 
 
