@@ -29,6 +29,7 @@ from mhsb_model.braking import extract_remainder
 from mhsb_model.trajectory import MotionState
 from mhsb_planner import planner as planning
 from mhsb_planner.deadline import Deadline
+from mhsb_planner.motion.s3_hard_braking import iterate_harder_brakings
 from mhsb_planner.search.s2_search import PathQuery, Weights, search, warm_up
 from mhsb_planner.search.s2_step import compute_step_costs
 
@@ -76,6 +77,7 @@ for options in (
         moving = motion.sample(halfway)
         planner.plan((x, z), moving, options=options, remainder=remainder)
         planner.plan((x, z + 0.02), moving, options=options, remainder=remainder)
+        assert list(iterate_harder_brakings(machine, motion, halfway))
 out = table.posture[graph.grid.node_at(0.95, 0.0), 0]  # stretched: lifting takes boost
 for options in (planning.PlanOptions(planner=kind) for kind in planning.PLANNER_KINDS):
     plan = planner.plan((0.85, 0.40), MotionState.at_rest(out), options=options)

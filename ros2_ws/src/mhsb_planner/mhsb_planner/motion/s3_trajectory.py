@@ -61,6 +61,7 @@ from mhsb_planner.motion.s3_candidates import (
     compute_furthest_travel,
     iterate_candidates,
 )
+from mhsb_planner.motion.s3_hard_braking import iterate_harder_brakings
 from mhsb_planner.motion.s3_limits import (
     EndValues,
     find_first_violation,
@@ -267,7 +268,7 @@ def warm_up(machine: Machine) -> None:
 
 
 def warm_up_moving_starts(machine: Machine) -> None:
-    """Compile the kernels of motions that begin while the arm moves.
+    """Compile the kernels of motions that begin while the arm moves, and of harder braking.
 
     Args:
         machine: Machine that moves in the trial motions.
@@ -277,6 +278,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     moving = MotionState(middle, 0.1 * middle, middle)
     machine.moment_arms(middle)
     coast = compute_coasting(machine, moving)
+    next(iterate_harder_brakings(machine, coast.trajectory, coast.trajectory.stamp_ns), None)
     ways: list[tuple[Trajectory | None, Coasting | Steering, FitRules]] = [
         (coast.trajectory, coast, FitRules.create_following()),
         (None, Steering(coast.trajectory), FitRules()),
