@@ -107,6 +107,33 @@ def test_an_environment_that_ros_cannot_use_is_told_in_one_line(
     assert len(child.output.splitlines()) == 1
 
 
+HOLES = """
+    import numpy as np
+    from mhsb_msgs_py import node_process
+
+    def resident():
+        return 4096 * int(open("/proc/self/statm").read().split()[1])
+
+    before = resident()
+    blocks = [np.ones(4_000) for _ in range(2_000)]  # 64 MB
+    node.last_block = blocks.pop()
+    del blocks
+    node_process.RELEASE_PERIOD = 0.2
+    print("holes", before, resident(), flush=True)
+    return node"""
+
+
+def test_a_node_returns_free_memory_below_a_block_in_use(start_process, eventually, tmp_path):
+    script = tmp_path / "idle.py"
+    script.write_text(BODY.replace("    return node", HOLES))
+    child = start_process(sys.executable, script)
+    before, with_holes = map(int, child.wait_for(r"holes (\d+) (\d+)").groups())
+    assert with_holes > before + 50_000_000
+    statm = Path(f"/proc/{child.process.pid}/statm")
+    eventually(lambda: 4096 * int(statm.read_text().split()[1]) < before + 10_000_000)
+    assert child.stop(signal.SIGTERM) == 0
+
+
 STARTING = """
 import glob
 import os
