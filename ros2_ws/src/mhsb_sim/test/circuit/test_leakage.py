@@ -14,8 +14,10 @@ from mhsb_model.hydraulics import (
     compute_valve_leakage,
     get_shared_hydraulics,
 )
+from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
+from mhsb_sim.circuit import network
 from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap
 from mhsb_sim.circuit.network import Circuit, build_circuit, set_rest_pressures
 from mhsb_sim.simulation.faults import parse_faults
@@ -47,18 +49,25 @@ def leaking(machine: Machine, **values: object) -> Machine:
     )
 
 
-def carry(machine: Machine, seconds: float) -> tuple[FloatArray, Circuit]:
-    """Let massless loads hang on closed valves; return the strokes [m] and the circuit after it."""
+def carry(machine: Machine, *times: float) -> tuple[FloatArray, Circuit]:
+    """Let massless loads hang on closed valves for some times [s].
+
+    Returns:
+        The strokes until each of the times, float64[times, 3], [m], and the circuit at the end.
+    """
     circuit = build_circuit(machine, STEP)
     set_rest_pressures(circuit, machine, START, np.zeros(3, np.uint8))
     m, p = machine.arrays, circuit.pressure
-    length = machine.cylinder_lengths(START)
-    start = length.copy()
-    for _ in range(round(seconds / STEP)):
-        speed = (m.cap_area * p[0:9:3] - m.rod_area * p[1:9:3] - LOADS) / DRAG
-        circuit.advance(length, speed, 1)
-        length += speed * STEP
-    return length - start, circuit
+    length, speed = machine.cylinder_lengths(START).copy(), np.zeros(3)
+    advance = bind_kernel(network.advance, circuit, length, speed, integer_count=1)
+    lengths = [length.copy()]
+    for steps in np.diff([0, *np.round(np.array(times) / STEP)]):
+        for _ in range(round(steps)):
+            speed[:] = (m.cap_area * p[0:9:3] - m.rod_area * p[1:9:3] - LOADS) / DRAG
+            advance(1)
+            length += speed * STEP
+        lengths.append(length.copy())
+    return np.array(lengths[1:]) - lengths[0], circuit
 
 
 def sinking_speeds(machine: Machine, circuit: Circuit, lands: float) -> FloatArray:
@@ -97,8 +106,7 @@ def assert_audited(circuit: Circuit) -> None:
 
 def test_closed_valves_let_loads_sink_for_ten_minutes_as_the_balance_of_oil_says(machine):
     leaky = leaking(machine)
-    before, _ = carry(leaky, 30.0)
-    after, circuit = carry(leaky, 630.0)
+    (before, after), circuit = carry(leaky, 30.0, 630.0)
     expected = 600.0 * sinking_speeds(leaky, circuit, land_conductance(leaky))
     np.testing.assert_allclose(after - before, expected, rtol=1e-3)
     assert np.all(np.abs(expected) > 3e-3)
@@ -110,8 +118,7 @@ def test_closed_valves_let_loads_sink_for_ten_minutes_as_the_balance_of_oil_says
 @pytest.mark.parametrize("overlap", [0.0, 0.25])
 def test_the_planner_knows_the_speed_of_sinking_without_seals(machine, overlap):
     leaky = leaking(machine, circuit__valves={}, imperfections__valve_overlap=overlap)
-    before, _ = carry(leaky, 60.0)
-    after, circuit = carry(leaky, 120.0)
+    (before, after), circuit = carry(leaky, 60.0, 120.0)
     for j, stroke in enumerate(after - before):
         drag = DRAG * stroke / 60.0
         line = circuit.pressure[3 * j + 2]
@@ -122,9 +129,8 @@ def test_the_planner_knows_the_speed_of_sinking_without_seals(machine, overlap):
 def test_an_overlap_slows_the_sinking(machine):
     overlap, length = 0.1, machine.config.circuit.land_length
     leaky = leaking(machine, imperfections__valve_overlap=overlap)
-    _, circuit = carry(leaky, 30.0)
-    stroke, _ = carry(leaky, 50.0)
-    before, _ = carry(leaky, 30.0)
+    [before], circuit = carry(leaky, 30.0)
+    [stroke], _ = carry(leaky, 50.0)
     lands = land_conductance(leaky) * length / (length + overlap)
     expected = 20.0 * sinking_speeds(leaky, circuit, lands)
     np.testing.assert_allclose(stroke - before, expected, rtol=5e-3)
@@ -132,15 +138,13 @@ def test_an_overlap_slows_the_sinking(machine):
 
 def test_behind_lock_valves_only_the_seals_let_loads_sink(machine):
     locked = leaking(machine, circuit__lock_valve_opening=0.01)
-    before, _ = carry(locked, 20.0)
-    stroke, circuit = carry(locked, 120.0)
+    (before, stroke), circuit = carry(locked, 20.0, 120.0)
     np.testing.assert_array_equal(circuit.actuators["isolated"] > 0.999, True)
     unlocked = 100.0 * sinking_speeds(locked, circuit, land_conductance(locked))
     assert np.all(np.abs(stroke - before) < 0.2 * np.abs(unlocked))
     assert np.abs(stroke - before).max() > 1e-4
     tight = locked.with_values({"circuit.valves": {}})
-    early, _ = carry(tight, 20.0)
-    late, circuit = carry(tight, 120.0)
+    (early, late), circuit = carry(tight, 20.0, 120.0)
     assert np.abs(late - early).max() < 1e-7
     assert_audited(circuit)
 
