@@ -212,11 +212,14 @@ def test_a_telescope_is_told_in_millimetres_and_newtons(telescope_machine):
     assert found["workspace"]["held"] + found["workspace"]["boosted"] > 650
 
 
-def test_the_report_says_what_a_pole_leaves_at_many_angles_of_the_slew(slewing_machine):
+def test_the_report_says_what_a_pole_leaves_at_many_angles_of_the_slew(
+    slewing_machine, monkeypatch
+):
     pole = Zones(tip_cylinders=((0.3, 0.4, -0.2, 0.3, 0.15),))
     arm = slewing_machine.changed(zones=pole)
-    found = check.collect_facts(arm)["keep_out"]
-    left, reached = found["left"], found["reached"]
+    facts = check.collect_facts(arm)
+    monkeypatch.setattr(check, "collect_facts", {arm: facts}.get)  # counting takes seconds
+    left, reached = facts["keep_out"]["left"], facts["keep_out"]["reached"]
     assert check.format_report(arm)[-1] == (
         f"  {left} of {reached} points that can be reached are left, {100 * left / reached:.0f} %, "
         "counted at 72 angles of the slew"
