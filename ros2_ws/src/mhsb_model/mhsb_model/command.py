@@ -1,7 +1,5 @@
 """The command that an arm executes: a trajectory and its mode schedule."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +24,7 @@ class Command:
     """Modes of the actuators over time."""
 
     @classmethod
-    def hold(cls, stamp_ns: int, position: FloatArray, modes: ModeArray) -> Command:
+    def hold(cls, stamp_ns: int, position: FloatArray, modes: ModeArray) -> "Command":
         """Return a command to stand still at a position in constant modes.
 
         Args:

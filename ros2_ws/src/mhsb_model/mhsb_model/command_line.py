@@ -421,26 +421,25 @@ def _describe_parse_error(event: parse_errors.ParseErrorEvent, arguments: list[s
     return "these arguments do not go together"
 
 
-def _list_options(target: Callable[..., Any]) -> list[str]:
-    """Return the options of a command and of its groups, such as `--goal`.
+def _list_options(target: Callable[..., Any]) -> Iterator[str]:
+    """Yield the options of a command and of its groups, such as `--goal`.
 
     Args:
         target: Command, or dataclass of a group of options.
 
-    Returns:
+    Yields:
         `--help`, then the options in their order; positional arguments are left out.
     """
-    options = ["--help"]
+    yield "--help"
     for name, kind in _read_parameters(target)[0].items():
         if name not in inspect.signature(target).parameters:
             continue
         marks = getattr(kind, "__metadata__", ())
         group = getattr(kind, "__origin__", kind)
         if is_dataclass(group):
-            options += _list_options(cast(Callable[..., Any], group))
+            yield from _list_options(cast(Callable[..., Any], group))
         elif tyro.conf.Positional not in marks:
-            options.append(f"--{name.strip('_').replace('_', '-')}")
-    return options
+            yield f"--{name.strip('_').replace('_', '-')}"
 
 
 def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> str:

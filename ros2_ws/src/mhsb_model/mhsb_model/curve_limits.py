@@ -22,8 +22,6 @@ Source: force balance of a cylinder and M(q) q̈ = τ; settling time of a second
 Modern Control Engineering, Section 5.3.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, replace
@@ -76,7 +74,7 @@ class CurveLimits:
         return np.stack([self.speed, self.acceleration, self.jerk])
 
     @cached_property
-    def for_planning(self) -> CurveLimits:
+    def for_planning(self) -> "CurveLimits":
         """Limits for planners, a little tighter than the limits up to which an arm accepts plans.
 
         Acceleration and jerk are `PLANNED_SHARE` times the values of this object; the speed is the

@@ -1,10 +1,8 @@
 """Base class and common types of all errors that a user can cause, and hints on units."""
 
-from __future__ import annotations
-
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 MAX_LISTED_PROBLEMS = 30
@@ -14,28 +12,9 @@ MAX_LISTED_PROBLEMS = 30
 class MhsbError(Exception):
     """Base of all errors of the suite; its text is one sentence for the user."""
 
-    def __reduce__(self) -> tuple[Callable[..., MhsbError], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Pickle class, sentence and attributes, so that unpickling does not call `__init__`."""
-        return _restored, (type(self), self.args, self.__dict__)
-
-
-def _restored(
-    kind: type[MhsbError], args: tuple[object, ...], data: Mapping[str, object]
-) -> MhsbError:
-    """Restore an error from its pickled values, without a call of `__init__`.
-
-    Args:
-        kind: Class of the error.
-        args: `args` of the exception; the first is the sentence for the user.
-        data: All other attributes by name.
-
-    Returns:
-        An error of that class with the same sentence and attributes.
-    """
-    error = kind.__new__(kind)
-    error.args = args
-    error.__dict__.update(data)
-    return error
+        return type(self).__new__, (type(self), *self.args), self.__dict__
 
 
 def suggest_name(name: str, known_names: Iterable[str]) -> str:

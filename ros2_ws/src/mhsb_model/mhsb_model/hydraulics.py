@@ -70,10 +70,7 @@ def compute_retraction_speed(
         Magnitude of the speed, not negative [m/s]; 0 if the supply pressure cannot retract the
         piston.
     """
-    drive = rod * supply - cap * tank + force
-    if drive <= 0.0:
-        return 0.0
-    return k * math.sqrt(drive / (cap**3 + rod**3))
+    return compute_extension_speed(k, rod, cap, supply, tank, -force)
 
 
 @kernel
@@ -118,8 +115,7 @@ def compute_valve_drop(k: float, cap: float, rod: float, speed: float) -> float:
     Returns:
         Pressure m(v) by which the supply must exceed the load pressure [Pa].
     """
-    inlet = cap if speed > 0.0 else rod
-    return speed * speed * (cap**3 + rod**3) / (k * k * inlet)
+    return speed * speed * (cap**3 + rod**3) / (k * k * inlet_area(cap, rod, speed))
 
 
 @kernel

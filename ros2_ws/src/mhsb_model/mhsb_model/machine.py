@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -120,13 +120,10 @@ class Machine:
                 linkages, and whether an obstacle is so near to joint 1 that no posture is clear of
                 it. The error lists everything that the first failing check finds.
         """
-        problems = check_machine_rules(config)
-        if not problems:
-            problems = check_linkages(config)
-        if problems:
+        if problems := check_machine_rules(config) or list(check_linkages(config)):
             raise MachineFileError(source, problems)
         machine = cls(config, make_machine_arrays(config))
-        if in_the_way := machine._describe_obstacles_at_joint_1():
+        if in_the_way := list(machine._describe_obstacles_at_joint_1()):
             raise MachineFileError(source, in_the_way)
         return machine
 
@@ -406,16 +403,16 @@ class Machine:
             MachineFileError: A value is out of its range, or breaks a rule together with others.
         """
         content = self.config.model_dump()
-        if payload is not None:
-            content["payload"]["mass"] = payload
-        if supply_pressure is not None:
-            content["hydraulics"]["main_pump"]["pressure"] = supply_pressure
-        if max_piston_speed is not None:
-            content["motion"]["max_piston_speed"] = max_piston_speed
+        for path, value in (
+            ("payload.mass", payload),
+            ("hydraulics.main_pump.pressure", supply_pressure),
+            ("motion.max_piston_speed", max_piston_speed),
+            ("hydraulics.modules.count", module_count),
+        ):
+            if value is not None:
+                set_value(content, path, value)
         if zones is not None:
             content["keep_out"] |= zones.content()
-        if module_count is not None:
-            content["hydraulics"]["modules"]["count"] = module_count
         return replace(
             self._make_similar_machine(content, f"{self.name} with changes"),
             file_rating=self._own_file_rating,
@@ -782,7 +779,7 @@ class Machine:
         distance, row = clearance.clearances(self.arrays, self.obstacles.rows, frozen(posture))
         return float(distance[0]), self.obstacles.name(row[0])
 
-    def _describe_obstacles_at_joint_1(self) -> list[str]:
+    def _describe_obstacles_at_joint_1(self) -> Iterator[str]:
         """Describe each obstacle that is too close to the beginning of the first link.
 
         The first link begins at joint 1 in every posture, so the arm could never keep clear of such
@@ -791,21 +788,20 @@ class Machine:
         checked, and not other links. For a slewing arm nothing is checked, since the link of its
         joint 1 is not in the plane.
 
-        Returns:
-            One sentence for each such obstacle, for error messages; empty if there is none.
+        Yields:
+            One sentence for each such obstacle, for error messages.
         """
-        rows, problems = self.obstacles.path_rows, []
+        rows = self.obstacles.path_rows
         for k in range(len(rows)):
             if rows[k, KIND_COLUMN] == LINK_KIND or rows[k, LINK_COLUMN] != 0:
                 continue
             beyond, needed = clearance.point_clearance(rows, k, 0.0, 0.0), rows[k, RADIUS_COLUMN]
             if beyond < 0.0:
-                problems.append(
+                yield (
                     f"keep_out: {self.obstacles.name(k)} is {beyond + needed:.4g} m from joint 1, "
                     f"where link 1 always is; it must be at least {needed:.4g} m away, the link's "
                     "radius and the margin"
                 )
-        return problems
 
     def check_in_workspace(self, position: Position) -> None:
         """Check that a position is in the workspace, as goals for the tip must be.

@@ -1,7 +1,5 @@
 """Mode schedules: the mode of each actuator over time (zero-order hold)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,16 +71,6 @@ class ModeSchedule:
     def switch_count(self) -> int:
         """Number of mode changes from row to row, summed over the actuators."""
         return int(np.count_nonzero(np.diff(self.modes.astype(np.int64), axis=0)))
-
-    def shifted(self, delta_ns: int) -> ModeSchedule:
-        """Return this schedule with a stamp that is `delta_ns` later [ns].
-
-        All rows move with the stamp, but `last_switch_ns` does not change, since it is an absolute
-        time.
-        """
-        return ModeSchedule(
-            self.stamp_ns + delta_ns, self.offset_ns, self.modes, self.last_switch_ns
-        )
 
     def modes_at(self, time_ns: int) -> ModeArray:
         """Return the mode of each actuator at an absolute time, shape (actuators,).

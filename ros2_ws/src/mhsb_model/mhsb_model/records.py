@@ -20,26 +20,24 @@ kernels read a copy:
     settings = create_record(FilterSettings(gain=0.2))  # Records[FilterSettings], one record
 """
 
-from __future__ import annotations
-
 from dataclasses import astuple
-from typing import Any, Protocol, SupportsIndex, TypeAlias, TypeVar, get_type_hints, overload
+from typing import Annotated, Any, Protocol, SupportsIndex, TypeVar, get_type_hints, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-Int32: TypeAlias = int
+Int32 = Annotated[int, np.int32]
 """Type of an integer field that is stored in 32 bits."""
 
-FIELD_TYPES = {"float": np.float64, "int": np.int64, "Int32": np.int32}
-"""Type in which a field is stored, by the text of its annotation."""
+FIELD_TYPES: dict[Any, Any] = {float: np.float64, int: np.int64, Int32: np.int32}
+"""Type in which a field is stored, by its annotation."""
 
 
 class Record:
     """One record of a structured array, with its fields as annotations.
 
     A field may be a record itself. Only settings have instances, which `create_record` turns into
-    arrays. The module of a subclass must import `annotations` from `__future__`.
+    arrays.
     """
 
 
@@ -52,19 +50,17 @@ class Records(Protocol[RecordType]):
     @property
     def dtype(self) -> np.dtype:
         """Structured dtype of the records."""
-        ...
 
     @overload
     def __getitem__(self, key: SupportsIndex, /) -> RecordType: ...
     @overload
-    def __getitem__(self, key: slice, /) -> Records[RecordType]: ...
+    def __getitem__(self, key: slice, /) -> "Records[RecordType]": ...
     @overload
     def __getitem__(self, key: str, /) -> NDArray[Any]: ...
     def __setitem__(self, key: Any, value: Any, /) -> None: ...
     def __len__(self) -> int: ...
-    def copy(self) -> Records[RecordType]:
+    def copy(self) -> "Records[RecordType]":
         """Return a copy with its own memory."""
-        ...
 
 
 def record_dtype(kind: type[Record]) -> np.dtype[np.void]:
@@ -77,12 +73,9 @@ def record_dtype(kind: type[Record]) -> np.dtype[np.void]:
     Returns:
         Structured dtype with the class's field names.
     """
-    hints = get_type_hints(kind)
+    hints = get_type_hints(kind, include_extras=True)
     return np.dtype(
-        [
-            (name, FIELD_TYPES[text] if text in FIELD_TYPES else record_dtype(hints[name]))
-            for name, text in kind.__annotations__.items()
-        ]
+        [(name, FIELD_TYPES.get(hint) or record_dtype(hint)) for name, hint in hints.items()]
     )
 
 

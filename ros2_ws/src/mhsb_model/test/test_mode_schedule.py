@@ -1,5 +1,7 @@
 """Mode schedules: zero-order hold over integer times."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,14 +29,15 @@ def test_a_schedule_knows_when_each_actuator_was_last_switched():
     assert SCHEDULE.find_last_switches(10**12).tolist() == [130, 130]
     later = ModeSchedule(100, [0, 10], [[0, 0], [1, 0]], [40, 90])
     assert later.find_last_switches(105).tolist() == [40, 90]
-    assert later.shifted(5).find_last_switches(115).tolist() == [115, 90]
+    assert replace(later, stamp_ns=105).find_last_switches(115).tolist() == [115, 90]
     with pytest.raises(ValueError, match="one time for each actuator"):
         ModeSchedule(100, [0], [[0, 0]], [40])
 
 
-def test_shifting_moves_all_times():
-    assert SCHEDULE.shifted(5).modes_at(114).tolist() == [0, 0]
-    assert SCHEDULE.shifted(5).end_ns == SCHEDULE.end_ns + 5
+def test_another_stamp_moves_all_times():
+    later = replace(SCHEDULE, stamp_ns=105)
+    assert later.modes_at(114).tolist() == [0, 0]
+    assert later.end_ns == SCHEDULE.end_ns + 5
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Structured arrays have the fields that the class of their records declares."""
 
-from __future__ import annotations
-
 from mhsb_model.records import Int32, Record, create_records, record_dtype
 
 

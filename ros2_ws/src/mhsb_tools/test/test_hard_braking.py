@@ -1,5 +1,7 @@
 """Arms that brake as hard as they may for a zone: the simulated one follows, without relief."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,7 +46,7 @@ def test_the_arm_follows_the_hardest_braking_without_warning_and_far_from_relief
     arm.step(0.0)
     simulator = arm.simulator
     began_ns = simulator.time_ns
-    simulator.set_plan(motion.shifted(began_ns), schedule.shifted(began_ns))
+    simulator.set_plan(motion.shifted(began_ns), replace(schedule, stamp_ns=began_ns))
     following, overpressure = FollowingError(machine), Overpressure(machine)
     worst = {"following": 0.0, "pressure": 0.0}
 
@@ -62,7 +64,7 @@ def test_the_arm_follows_the_hardest_braking_without_warning_and_far_from_relief
     *_, hardest = iterate_harder_brakings(machine, motion, at_ns)
     braked = fit_braking(machine, hardest, StartModes.read_from(schedule, at_ns))
     now_ns = simulator.plan_time_ns
-    simulator.set_plan(braked.trajectory.shifted(now_ns), braked.schedule.shifted(now_ns))
+    simulator.set_plan(braked.trajectory.shifted(now_ns), replace(braked.schedule, stamp_ns=now_ns))
     advance(simulator.time_ns + hardest.duration_ns + SETTLED_NS)
     assert worst["following"] < 0.1 * SupervisionLimits().following_error[1]
     assert worst["pressure"] < 0.7

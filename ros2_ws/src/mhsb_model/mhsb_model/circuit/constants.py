@@ -1,7 +1,6 @@
 """Constants and initial states of the circuit's components, computed from the machine file."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from mhsb_model.hydraulics import compute_slip_flow
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.records import Records, create_records
-from mhsb_model.schema import Linkage, Motor
+from mhsb_model.schema import Motor
 from mhsb_model.types import FloatArray, IntArray
 
 RATED_BLEED_PRESSURE = 1e7
@@ -60,7 +59,8 @@ def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
         ]
         cylinders["min_length"][j], cylinders["max_length"][j] = min(ends), max(ends)
     motors = [
-        linkage if isinstance(linkage, Motor) else None for linkage in _list_linkages(machine)
+        joint.linkage if isinstance(joint.linkage, Motor) else None
+        for joint in machine.config.joints
     ]
     volume = np.array([motor.volume if motor else 0.0 for motor in motors])
     cylinders["dead_volume"] = machine.config.circuit.chamber_dead_volume + volume
@@ -68,11 +68,6 @@ def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
     cylinders["friction"] = machine.friction_factors
     cylinders["swept_volume_factor"] = [0.0 if motor else 1.0 for motor in motors]
     return cylinders
-
-
-def _list_linkages(machine: Machine) -> list[Linkage]:
-    """Return the linkage of each joint, in joint order."""
-    return [joint.linkage for joint in machine.config.joints]
 
 
 def build_valve_curves(machine: Machine) -> FloatArray:
@@ -165,18 +160,6 @@ def compute_full_pump_flow(machine: Machine) -> float:
     return arrays.servo_pump_flow + reserve + compute_slip_flow(arrays.servo_pump_slip, 1, rise)
 
 
-class _OilState(NamedTuple):
-    """Oil at the temperature of a machine's circuit.
-
-    Attributes:
-        bulk_modulus: Bulk modulus β [Pa].
-        viscosity_ratio: Viscosity divided by the viscosity at FILE_TEMPERATURE [-].
-    """
-
-    bulk_modulus: float
-    viscosity_ratio: float
-
-
 def compute_constants(machine: Machine, substep: float) -> Records[CircuitConstants]:
     """Compute the constants of a machine's circuit.
 
@@ -208,17 +191,15 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
     """
     temperature = machine.config.imperfections.oil_temperature
     warmth = temperature - FILE_TEMPERATURE
-    oil = _OilState(
-        machine.config.circuit.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth),
-        compute_viscosity_ratio(temperature),
-    )
+    beta = machine.config.circuit.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth)
+    thinning = compute_viscosity_ratio(temperature)
     values = {
         "substep": substep,
-        **_compute_volume_constants(machine, oil),
-        **_compute_pump_constants(machine, oil, substep),
-        **_compute_servo_valve_constants(machine, oil, substep),
-        **_compute_further_valve_constants(machine, oil, substep),
-        **_compute_friction_constants(machine, oil),
+        **_compute_volume_constants(machine, beta),
+        **_compute_pump_constants(machine, thinning, substep),
+        **_compute_servo_valve_constants(machine, thinning, substep),
+        **_compute_further_valve_constants(machine, thinning, substep),
+        **_compute_friction_constants(machine, thinning),
     }
     constants = create_records(CircuitConstants, 1)
     for name, value in values.items():
@@ -226,7 +207,7 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
     return constants
 
 
-def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, float]:
+def _compute_volume_constants(machine: Machine, beta: float) -> dict[str, float]:
     """Compute the constants of the oil, its volumes and the accumulator.
 
     Capacities are volumes divided by the bulk modulus. Without an accumulator, its volume is 0, its
@@ -234,13 +215,12 @@ def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, f
 
     Args:
         machine: Machine whose file describes the circuit.
-        state: Bulk modulus and viscosity of the oil at its temperature.
+        beta: Bulk modulus of the oil at its temperature [Pa].
 
     Returns:
         Dict from field names of `CircuitConstants` to their values.
     """
     oil, accumulator = machine.config.circuit, machine.config.imperfections.accumulator
-    beta = state.bulk_modulus
     return {
         "tank_pressure": machine.arrays.tank_pressure,
         "vapour_pressure": oil.vapour_pressure,
@@ -255,7 +235,9 @@ def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, f
     }
 
 
-def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) -> dict[str, float]:
+def _compute_pump_constants(
+    machine: Machine, viscosity_ratio: float, substep: float
+) -> dict[str, float]:
     """Compute the constants of the main pump and of the servo pumps.
 
     The lags τ of the pumps become decays e^(−dt/τ) over a substep dt. `main_pump_memory` is the
@@ -264,7 +246,7 @@ def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) 
 
     Args:
         machine: Machine whose file describes the circuit.
-        state: Bulk modulus and viscosity of the oil at its temperature.
+        viscosity_ratio: Viscosity of the oil divided by that at FILE_TEMPERATURE [-].
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
@@ -283,7 +265,7 @@ def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) 
         "pump_filling": oil.pump_filling_pressure,
         "servo_pump_drag": oil.servo_pump_drag_power,
         "servo_pump_flow": compute_full_pump_flow(machine),
-        "servo_pump_slip": arrays.servo_pump_slip / state.viscosity_ratio,
+        "servo_pump_slip": arrays.servo_pump_slip / viscosity_ratio,
         "servo_pump_decay": math.exp(-substep / oil.servo_pump_lag),
         "servo_pump_slew": oil.servo_pump_slew,
         "servo_pump_power": oil.servo_pump_power,
@@ -292,7 +274,7 @@ def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) 
 
 
 def _compute_servo_valve_constants(
-    machine: Machine, state: _OilState, substep: float
+    machine: Machine, viscosity_ratio: float, substep: float
 ) -> dict[str, float]:
     """Compute the constants of the servo valves, their leakage and their lock valves.
 
@@ -302,7 +284,7 @@ def _compute_servo_valve_constants(
 
     Args:
         machine: Machine whose file describes the circuit.
-        state: Bulk modulus and viscosity of the oil at its temperature.
+        viscosity_ratio: Viscosity of the oil divided by that at FILE_TEMPERATURE [-].
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
@@ -317,7 +299,7 @@ def _compute_servo_valve_constants(
     spool = compute_spool_transition(oil.valve_frequency, oil.valve_damping, substep)
     return {
         "leakage_coefficient": (1.0 - valve.land_leakage) * valve.leakage_flow / math.sqrt(drop),
-        "land_conductance": valve.land_leakage * valve.leakage_flow / drop / state.viscosity_ratio,
+        "land_conductance": valve.land_leakage * valve.leakage_flow / drop / viscosity_ratio,
         "land_length": oil.land_length,
         "lock_valve_opening": oil.lock_valve_opening,
         "valve_overlap": real.overlaps[0],
@@ -334,7 +316,7 @@ def _compute_servo_valve_constants(
 
 
 def _compute_further_valve_constants(
-    machine: Machine, state: _OilState, substep: float
+    machine: Machine, viscosity_ratio: float, substep: float
 ) -> dict[str, float]:
     """Compute the constants of orifices, check, switching, anti-cavitation and relief valves.
 
@@ -344,29 +326,29 @@ def _compute_further_valve_constants(
 
     Args:
         machine: Machine whose file describes the circuit.
-        state: Bulk modulus and viscosity of the oil at its temperature.
+        viscosity_ratio: Viscosity of the oil divided by that at FILE_TEMPERATURE [-].
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
         Dict from field names of `CircuitConstants` to their values.
     """
-    oil, thinner = machine.config.circuit, state.viscosity_ratio
+    oil = machine.config.circuit
     switching_drop = oil.switching_valve_pressure_drop
     return {
-        "laminar_pressure": oil.laminar_pressure * thinner**2,
+        "laminar_pressure": oil.laminar_pressure * viscosity_ratio**2,
         "check_coefficient": oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop),
         "switching_coefficient": oil.switching_valve_flow / math.sqrt(switching_drop),
         "switching_time": oil.switching_valve_time,
         "switching_decay": math.exp(-substep / oil.switching_valve_time),
         "anti_cavitation_gain": oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop,
-        "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE / thinner,
+        "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE / viscosity_ratio,
         "relief_gain": oil.relief_flow_gain,
         "line_relief": oil.line_relief_pressure,
         "manifold_relief": machine.arrays.supply_pressure + oil.manifold_relief_margin,
     }
 
 
-def _compute_friction_constants(machine: Machine, state: _OilState) -> dict[str, float]:
+def _compute_friction_constants(machine: Machine, viscosity_ratio: float) -> dict[str, float]:
     """Compute the constants of the cylinders' friction.
 
     Viscous friction is proportional to the oil's viscosity. Without stiction, stiffness and damping
@@ -374,7 +356,7 @@ def _compute_friction_constants(machine: Machine, state: _OilState) -> dict[str,
 
     Args:
         machine: Machine whose file describes the circuit.
-        state: Bulk modulus and viscosity of the oil at its temperature.
+        viscosity_ratio: Viscosity of the oil divided by that at FILE_TEMPERATURE [-].
 
     Returns:
         Dict from field names of `CircuitConstants` to their values.
@@ -382,7 +364,7 @@ def _compute_friction_constants(machine: Machine, state: _OilState) -> dict[str,
     oil, stiction = machine.config.circuit, machine.config.imperfections.stiction
     return {
         "coulomb_friction": oil.coulomb_friction,
-        "viscous_friction": oil.viscous_friction * state.viscosity_ratio,
+        "viscous_friction": oil.viscous_friction * viscosity_ratio,
         "friction_speed": oil.friction_speed,
         "breakaway": stiction.breakaway if stiction else 1.0,
         "stribeck_speed": stiction.speed if stiction else 1.0,

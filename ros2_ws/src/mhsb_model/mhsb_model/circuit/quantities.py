@@ -1,7 +1,5 @@
 """Record types of the circuit: constants, states and commands of its components."""
 
-from __future__ import annotations
-
 from mhsb_model.records import Record
 
 

@@ -4,6 +4,7 @@ Each function checks the rules of one part of the file. All rules are checked be
 reported. A broken rule is one string, `path: sentence`, with the path of the value in the file.
 """
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 from mhsb_model.errors import suggest_unit_of_number
@@ -26,13 +27,23 @@ def check_machine_rules(config: MachineConfig) -> list[str]:
     Returns:
         One string `path: sentence` for each broken rule; empty if none is broken.
     """
-    problems = _check_workspace(config) + _check_hydraulics(config)
-    problems += _check_start_posture(config) + _check_keep_out(config) + _check_zones(config)
-    problems += _check_joint_kinds(config) + _check_valve_curves(config)
-    problems += _check_kept_joints(config) + _check_telescopes(config) + _check_slew(config)
-    for index, joint in enumerate(config.joints):
-        problems += _check_joint(f"joints.{index}", joint)
-    return problems
+    return [
+        *_check_workspace(config),
+        *_check_hydraulics(config),
+        *_check_start_posture(config),
+        *_check_keep_out(config),
+        *_check_zones(config),
+        *_check_joint_kinds(config),
+        *_check_valve_curves(config),
+        *_check_kept_joints(config),
+        *_check_telescopes(config),
+        *_check_slew(config),
+        *(
+            problem
+            for index, joint in enumerate(config.joints)
+            for problem in _check_joint(f"joints.{index}", joint)
+        ),
+    ]
 
 
 def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
@@ -82,7 +93,7 @@ def check_boost_pressure(config: MachineConfig) -> list[str]:
     ]
 
 
-def _check_workspace(config: MachineConfig) -> list[str]:
+def _check_workspace(config: MachineConfig) -> Iterator[str]:
     """Check that the workspace's radii are in order and within the arm's reach.
 
     The least radius must be below the greatest. The greatest must not exceed the reach: the sum of
@@ -91,23 +102,19 @@ def _check_workspace(config: MachineConfig) -> list[str]:
     Args:
         config: Content of a machine file.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each broken rule.
     """
     area = config.workspace
     reach = sum(joint.link.length for joint in config.joints if joint.kind != "slew")
     reach += sum(joint.limits.upper for joint in config.joints if joint.kind == "prismatic")
-    problems = []
     if area.min_radius >= area.max_radius:
-        problems.append(
+        yield (
             f"workspace.min_radius: {area.min_radius:g} m must be below "
             f"max_radius {area.max_radius:g} m"
         )
     if area.max_radius > reach * (1 + 1e-9):
-        problems.append(
-            f"workspace.max_radius: {area.max_radius:g} m is beyond the reach {reach:g} m"
-        )
-    return problems
+        yield (f"workspace.max_radius: {area.max_radius:g} m is beyond the reach {reach:g} m")
 
 
 def _check_joint_kinds(config: MachineConfig) -> list[str]:
@@ -129,7 +136,7 @@ def _check_joint_kinds(config: MachineConfig) -> list[str]:
     ]
 
 
-def _check_valve_curves(config: MachineConfig) -> list[str]:
+def _check_valve_curves(config: MachineConfig) -> Iterator[str]:
     """Check that the curves of the valves rise from (0, 0) to (1, 1).
 
     From each point to the next, both the share of the stroke and the share of the opening must
@@ -138,13 +145,12 @@ def _check_valve_curves(config: MachineConfig) -> list[str]:
     Args:
         config: Content of a machine file.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each curve that breaks a rule. It states the first two
         points between which the curve does not rise, or otherwise the curve's ends.
     """
-    real, problems = config.imperfections, []
     for name in ("valve_curve", "valve_curve_retracting"):
-        curve = getattr(real, name)
+        curve = getattr(config.imperfections, name)
         if curve is None:
             continue
         steps = enumerate(pairwise(curve))
@@ -155,11 +161,10 @@ def _check_valve_curves(config: MachineConfig) -> list[str]:
             what = f"it goes from {list(curve[0])} to {list(curve[-1])}"
         else:
             continue
-        problems.append(
+        yield (
             f"imperfections.{name}: pairs [stroke beyond the overlap, opening] must rise from "
             f"[0, 0] to [1, 1], and {what}; give both as shares, in rising order"
         )
-    return problems
 
 
 def _check_kept_joints(config: MachineConfig) -> list[str]:
@@ -186,24 +191,23 @@ def _check_kept_joints(config: MachineConfig) -> list[str]:
     ]
 
 
-def _check_slew(config: MachineConfig) -> list[str]:
+def _check_slew(config: MachineConfig) -> Iterator[str]:
     """Check that only joint 1 slews, and only in files of schema version 2 or later.
 
     Args:
         config: Content of a machine file.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each broken rule.
     """
     kinds = [joint.kind for joint in config.joints]
-    problems = [
+    yield from (
         f"joints.{index}.kind: joint 1 alone can slew; all others move in the plane that it turns"
         for index, kind in enumerate(kinds)
         if kind == "slew" and index > 0
-    ]
+    )
     if kinds[0] == "slew" and config.schema_version < 2:
-        problems.append("schema_version: slew joints need version 2")
-    return problems
+        yield "schema_version: slew joints need version 2"
 
 
 def _check_zones(config: MachineConfig) -> list[str]:
@@ -237,7 +241,7 @@ def _check_zones(config: MachineConfig) -> list[str]:
     ]
 
 
-def _check_telescopes(config: MachineConfig) -> list[str]:
+def _check_telescopes(config: MachineConfig) -> Iterator[str]:
     """Check the rules for prismatic joints (telescopes).
 
     A telescope slides along the link of the joint before. So the first joint in the plane must be
@@ -247,34 +251,31 @@ def _check_telescopes(config: MachineConfig) -> list[str]:
     Args:
         config: Content of a machine file.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each broken rule; empty if no joint is prismatic.
     """
     kinds = [joint.kind for joint in config.joints]
     if "prismatic" not in kinds:
-        return []
-    problems, first = [], 1 if kinds[0] == "slew" else 0
+        return
+    first = 1 if kinds[0] == "slew" else 0
     if kinds[first : first + 1] == ["prismatic"]:
-        problems.append(
+        yield (
             f"joints.{first}.kind: joint {first + 1} must be revolute, a telescope needs a link "
             "before"
         )
-    problems += [
+    yield from (
         f"joints.{index}.kind: two prismatic joints in succession slide along one line; give one "
         "the stroke of both"
         for index in range(1, len(kinds))
         if kinds[index - 1] == kinds[index] == "prismatic"
-    ]
+    )
     if (turning := kinds.count("revolute")) < 2:
-        problems.append(
-            f"joints: {turning} of them are revolute, a chain with a telescope needs at least 2"
-        )
+        yield (f"joints: {turning} of them are revolute, a chain with a telescope needs at least 2")
     if config.schema_version < 2:
-        problems.append("schema_version: prismatic joints need version 2")
-    return problems
+        yield "schema_version: prismatic joints need version 2"
 
 
-def _check_hydraulics(config: MachineConfig) -> list[str]:
+def _check_hydraulics(config: MachineConfig) -> Iterator[str]:
     """Check tank pressure, booster modules of each mode, and leakage.
 
     The tank pressure must be below the supply pressure. Mode N must use no booster module, DB and
@@ -283,29 +284,27 @@ def _check_hydraulics(config: MachineConfig) -> list[str]:
     Args:
         config: Content of a machine file.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each broken rule.
     """
     oil = config.hydraulics
-    problems = []
     if oil.tank_pressure >= oil.main_pump.pressure:
-        problems.append(
+        yield (
             f"hydraulics.tank_pressure: {oil.tank_pressure:g} Pa must be below the supply "
             f"pressure {oil.main_pump.pressure:g} Pa"
         )
     normal, *boosted = oil.modules.per_mode
     if normal != 0 or min(boosted) < 1:
-        problems.append(
+        yield (
             f"hydraulics.modules.per_mode: {oil.modules.per_mode} must be 0 for N "
             "and at least 1 for DB and SB, which are boosted"
         )
     leakage = len(config.joints) * oil.valve.leakage_flow
     if leakage >= oil.main_pump.max_flow:
-        problems.append(
+        yield (
             f"hydraulics.valve.leakage_flow: all valves leak {leakage:g} m³/s, the main pump "
             f"gives {oil.main_pump.max_flow:g} m³/s"
         )
-    return problems
 
 
 def _check_start_posture(config: MachineConfig) -> list[str]:
@@ -335,7 +334,7 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
     ]
 
 
-def _check_keep_out(config: MachineConfig) -> list[str]:
+def _check_keep_out(config: MachineConfig) -> Iterator[str]:
     """Check the number of link radii, and that zones and the base have a positive extent.
 
     The file must have no link radius, or one for each link in the arm's plane. In each box,
@@ -344,30 +343,29 @@ def _check_keep_out(config: MachineConfig) -> list[str]:
     Args:
         config: Content of a machine file.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each broken rule.
     """
-    keep_out, problems = config.keep_out, []
+    keep_out = config.keep_out
     links = sum(joint.kind != "slew" for joint in config.joints)
     if len(keep_out.link_radii) not in (0, links):
-        problems.append(
+        yield (
             f"keep_out.link_radii: has {len(keep_out.link_radii)} radii, the machine has "
             f"{links} links in its plane"
         )
     ends: list[tuple[str, Section]] = [
-        (f"keep_out.boxes.{i}", box) for i, box in enumerate(keep_out.boxes)
+        *((f"keep_out.boxes.{i}", box) for i, box in enumerate(keep_out.boxes)),
+        *((f"keep_out.cylinders.{i}", each) for i, each in enumerate(keep_out.cylinders)),
+        *([("keep_out.base", keep_out.base)] if keep_out.base else []),
     ]
-    ends += [(f"keep_out.cylinders.{i}", each) for i, each in enumerate(keep_out.cylinders)]
-    ends += [("keep_out.base", keep_out.base)] if keep_out.base else []
     for path, zone in ends:
         for axis in ("x", "y", "z"):
             low, high = (getattr(zone, f"{axis}_{end}", None) for end in ("min", "max"))
             if low is not None and high is not None and low >= high:
-                problems.append(
+                yield (
                     f"{path}.{axis}_min: {low:g} m must be below {axis}_max {high:g} m"
                     + _ask_if_swapped(low, high)
                 )
-    return problems
 
 
 def _ask_if_swapped(low: float, high: float) -> str:
@@ -375,7 +373,7 @@ def _ask_if_swapped(low: float, high: float) -> str:
     return "; swapped?" if low > high else ""
 
 
-def _check_joint(path: str, joint: AnyJoint) -> list[str]:
+def _check_joint(path: str, joint: AnyJoint) -> Iterator[str]:
     """Check limits, cylinder and link of one joint.
 
     The lower limit must be below the upper one, the rod thinner than the bore, and the centre of
@@ -385,26 +383,25 @@ def _check_joint(path: str, joint: AnyJoint) -> list[str]:
         path: Path of the joint in the file, such as `joints.0`.
         joint: Joint section of the file.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each broken rule.
     """
-    problems, unit = [], unit_of(joint)
+    unit = unit_of(joint)
     if joint.limits.lower >= joint.limits.upper:
-        problems.append(
+        yield (
             f"{path}.limits.lower: {joint.limits.lower:g} {unit} must be below "
             f"upper {joint.limits.upper:g} {unit}"
             + _ask_if_swapped(joint.limits.lower, joint.limits.upper)
         )
     if joint.kind == "slew":
-        return problems
+        return
     if joint.cylinder.rod >= joint.cylinder.bore:
-        problems.append(
+        yield (
             f"{path}.cylinder.rod: {joint.cylinder.rod:g} m must be below "
             f"bore {joint.cylinder.bore:g} m"
         )
     if joint.link.center_of_mass > joint.link.length:
-        problems.append(
+        yield (
             f"{path}.link.center_of_mass: {joint.link.center_of_mass:g} m is beyond the "
             f"link's length {joint.link.length:g} m"
         )
-    return problems

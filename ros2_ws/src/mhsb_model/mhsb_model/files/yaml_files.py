@@ -7,6 +7,8 @@ end up in a log.
 import os
 import re
 import stat
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +127,7 @@ def read_yaml(path: Path) -> Any:
             reason = f"has more than {MOST_VALUES} values, with anchors written out; shorten it"
             raise YamlFileError(path, reason)
         # Checked before the document is constructed, which adds the keys of merged anchors.
-        if twice := _find_duplicate_keys(node):
+        if twice := list(_find_duplicate_keys(node)):
             raise YamlFileError(path, f"{'; '.join(twice)}; keep one of each")
         return loader.construct_document(node)
     except RecursionError:
@@ -137,41 +139,27 @@ def read_yaml(path: Path) -> Any:
 class BoundedLoader(yaml.SafeLoader):
     """YAML loader for plain values that refuses numbers of more than LONGEST_NUMBER characters."""
 
-    def construct_bounded_int(self, node: yaml.ScalarNode) -> int:
-        """Convert a node into a whole number.
 
-        Raises:
-            ConstructorError: The number has more than LONGEST_NUMBER characters.
-        """
-        _check_length(node)
-        return self.construct_yaml_int(node)
-
-    def construct_bounded_float(self, node: yaml.ScalarNode) -> float:
-        """Convert a node into a float.
-
-        Raises:
-            ConstructorError: The number has more than LONGEST_NUMBER characters.
-        """
-        _check_length(node)
-        return self.construct_yaml_float(node)
-
-
-BoundedLoader.add_constructor("tag:yaml.org,2002:int", BoundedLoader.construct_bounded_int)
-BoundedLoader.add_constructor("tag:yaml.org,2002:float", BoundedLoader.construct_bounded_float)
-
-
-def _check_length(node: yaml.Node) -> None:
-    """Refuse a number of more than LONGEST_NUMBER characters.
+def _construct_number(kind: str, loader: BoundedLoader, node: yaml.Node) -> float:
+    """Convert a node into a number.
 
     Args:
-        node: YAML node of the number. Nodes of lists and mappings are always accepted.
+        kind: `int` or `float`.
+        loader: Loader of the document.
+        node: YAML node of the number.
 
     Raises:
-        ConstructorError: The number is too long.
+        ConstructorError: The number has more than LONGEST_NUMBER characters.
     """
     if isinstance(node, yaml.ScalarNode) and len(node.value) > LONGEST_NUMBER:
         problem = f"a number has {len(node.value)} characters, at most {LONGEST_NUMBER} are read"
         raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+    number: float = getattr(loader, f"construct_yaml_{kind}")(node)
+    return number
+
+
+for _kind in ("int", "float"):
+    BoundedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", partial(_construct_number, _kind))
 
 
 def _read_text(path: Path) -> str:
@@ -190,7 +178,10 @@ def _read_text(path: Path) -> str:
     try:
         if path.is_dir():
             raise YamlFileError(path, "cannot be read: it is a folder; name a file in it")
-        with open(path, "rb", buffering=0, opener=_open_without_blocking) as file:
+        # Without O_NONBLOCK, opening a named pipe would wait for its writer.
+        with open(
+            path, "rb", buffering=0, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
+        ) as file:
             content = file.read(LARGEST_FILE + 1)
         if content is None or not stat.S_ISREG(path.stat().st_mode):
             raise YamlFileError(path, "cannot be read: it is no regular file; name one")
@@ -203,19 +194,6 @@ def _read_text(path: Path) -> str:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or str(error)
         raise YamlFileError(path, f"cannot be read: {reason}; check the path") from None
-
-
-def _open_without_blocking(path: str, flags: int) -> int:
-    """Open a file without waiting, even a pipe that has no writer (`opener` of `open`).
-
-    Args:
-        path: File to open.
-        flags: Flags of `os.open`, to which O_NONBLOCK is added.
-
-    Returns:
-        File descriptor.
-    """
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
@@ -237,12 +215,16 @@ def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
         return 1
     if id(node) not in counted:
         parts = node.value
-        children = [child for pair in parts for child in pair] if _is_mapping(node) else parts
+        children = (
+            [child for pair in parts for child in pair]
+            if isinstance(node, yaml.MappingNode)
+            else parts
+        )
         counted[id(node)] = 1 + sum(_count_values(child, counted) for child in children)
     return counted[id(node)]
 
 
-def _find_duplicate_keys(node: yaml.Node) -> list[str]:
+def _find_duplicate_keys(node: yaml.Node) -> Iterator[str]:
     """Find keys that occur more than once in a mapping, at any depth of a document.
 
     YAML would silently keep only the last value of such a key.
@@ -250,19 +232,19 @@ def _find_duplicate_keys(node: yaml.Node) -> list[str]:
     Args:
         node: Root of a YAML document.
 
-    Returns:
+    Yields:
         One string `path: sentence` for each repetition of a key. The sentence has the line numbers
         of the first occurrence and of the repetition. Keys that are not plain names are shown as
-        `…`. Empty if no key is repeated.
+        `…`.
     """
-    found, seen = [], set()
+    seen = set()
     waiting: list[tuple[str, yaml.Node]] = [("", node)]
     while waiting:
         path, node = waiting.pop(0)
         if id(node) in seen or isinstance(node, yaml.ScalarNode):
             continue
         seen.add(id(node))
-        if not _is_mapping(node):
+        if not isinstance(node, yaml.MappingNode):
             waiting += [(f"{path}{number}.", each) for number, each in enumerate(node.value)]
             continue
         lines: dict[str, int] = {}
@@ -270,15 +252,9 @@ def _find_duplicate_keys(node: yaml.Node) -> list[str]:
             name = key.value if isinstance(key, yaml.ScalarNode) else ""
             shown, line = name if PLAIN_KEY.fullmatch(name) else "…", key.start_mark.line + 1
             if name and name in lines:
-                found.append(f"{path}{shown}: is there in line {lines[name]} and in line {line}")
+                yield f"{path}{shown}: is there in line {lines[name]} and in line {line}"
             lines.setdefault(name, line)
             waiting.append((f"{path}{shown}.", value))
-    return found
-
-
-def _is_mapping(node: yaml.Node) -> bool:
-    """Return whether a YAML node is a mapping."""
-    return isinstance(node, yaml.MappingNode)
 
 
 def _describe_yaml_error(error: Exception) -> str:

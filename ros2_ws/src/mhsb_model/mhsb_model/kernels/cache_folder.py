@@ -166,10 +166,8 @@ def fingerprint(files: list[Path]) -> str:
     Returns:
         The first 16 digits of a SHA-256 hash.
     """
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()[:16]
+    each = (hashlib.sha256(file.read_bytes()).digest() for file in files)
+    return hashlib.sha256(b"".join(each)).hexdigest()[:16]
 
 
 def find_write_problem(folder: Path) -> str | None:

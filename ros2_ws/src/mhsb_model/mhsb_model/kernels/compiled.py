@@ -63,7 +63,8 @@ class KernelType(types.Dispatcher):
         resolve = super().get_call_type
         if plain in self.dispatcher.signatures:
             return resolve(context, plain, named)
-        with _light_optimization():
+        # With level 0, LLVM would not optimize the code even after it is linked into a kernel.
+        with _numba_setting("OPT", type(config.OPT)(min(1, config.OPT))):
             return self._inner.run_locked(lambda: resolve(context, plain, named))
 
 
@@ -110,7 +111,8 @@ def create_dispatcher(
     fixed = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     dispatcher = njit(**options, **fixed, no_cpython_wrapper=is_inner)(function)
     name = f"{function.__module__}.{function.__qualname__}{'-inner' if is_inner else ''}"
-    with _cache_folder(name), suppress(RuntimeError):  # there is no folder that can be written
+    # Each kernel has its own subfolder. A RuntimeError says that no folder can be written.
+    with _numba_setting("CACHE_DIR", str(Path(config.CACHE_DIR) / name)), suppress(RuntimeError):
         dispatcher.enable_caching()
         if not is_inner:
             store_machine_code_alone(dispatcher)
@@ -118,33 +120,16 @@ def create_dispatcher(
 
 
 @contextmanager
-def _cache_folder(name: str) -> Iterator[None]:
-    """Context manager in which new dispatchers keep their cache in a separate subfolder.
-
-    It sets `numba.config.CACHE_DIR`, which numba reads when a dispatcher enables its cache. At the
-    end it restores the old value.
+def _numba_setting(name: str, value: Any) -> Iterator[None]:
+    """Change a setting of numba within the block (context manager).
 
     Args:
-        name: Name of the subfolder of the present cache folder.
+        name: Name of the setting.
+        value: Its value within the block.
     """
-    folder = config.CACHE_DIR
-    config.CACHE_DIR = str(Path(folder) / name)
+    before = getattr(config, name)
+    setattr(config, name, value)
     try:
         yield
     finally:
-        config.CACHE_DIR = folder
-
-
-@contextmanager
-def _light_optimization() -> Iterator[None]:
-    """Context manager that limits numba's optimization level to 1.
-
-    Level 1 is used instead of 0. With level 0, LLVM would not optimize the code even after it is
-    linked into another kernel.
-    """
-    full = config.OPT
-    config.OPT = type(full)(min(1, full))
-    try:
-        yield
-    finally:
-        config.OPT = full
+        setattr(config, name, before)

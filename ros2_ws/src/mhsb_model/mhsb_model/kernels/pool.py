@@ -48,59 +48,24 @@ def compile_ahead(
     missing = [part for part in parts if not marks[part].exists()]
     if not missing:
         return
-    progress = (
-        _LineProgress(report_progress, len(missing))
-        if report_progress
-        else _BarProgress(len(missing))
+    calls = tqdm(
+        _call_in_workers(missing),
+        "compiling kernels, once",
+        len(missing),
+        disable=True if report_progress else None,
     )
-    progress.update(0)
-    for done, (part, trouble) in enumerate(_call_in_workers(missing), start=1):
+    if calls.disable and not report_progress:
+        print("compiling kernels, once; half a minute, on a busy machine minutes", file=sys.stderr)
+    report = report_progress or (lambda line: None)
+    words = f"compiling kernels, which happens once: %d of {len(missing)} parts"
+    report(words % 0)
+    for done, (part, trouble) in enumerate(calls, start=1):
         if trouble:
             _log.warning("kernels of %s were not compiled ahead: %s", part, trouble)
         else:
             with suppress(OSError):  # a warning was logged when the folder was chosen
                 marks[part].touch()
-        progress.update(done)
-
-
-class _LineProgress:
-    """Progress display that passes a line of text to a function."""
-
-    def __init__(self, say: Callable[[str], None], total: int) -> None:
-        """Store the function that receives each line, and the total number of functions.
-
-        Args:
-            say: Function that gets a line of text.
-            total: Number of functions to compile.
-        """
-        self._say, self._total = say, total
-
-    def update(self, done: int) -> None:
-        """Report the number of functions that are done."""
-        self._say(f"compiling kernels, which happens once: {done} of {self._total} parts")
-
-
-class _BarProgress:
-    """Progress bar on a terminal; without a terminal it prints one line at the start."""
-
-    def __init__(self, total: int) -> None:
-        """Show an empty bar for some functions to compile; without a terminal, print one line."""
-        self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
-        if self._bar.disable:
-            print(
-                "compiling kernels, once; half a minute, on a busy machine minutes",
-                file=sys.stderr,
-            )
-
-    def update(self, done: int) -> None:
-        """Set the bar to the number of functions that are done; close it when all are done.
-
-        Args:
-            done: Number of functions that are done.
-        """
-        self._bar.update(done - self._bar.n)
-        if done == self._bar.total:
-            self._bar.close()
+        report(words % done)
 
 
 def _find_marker_files(parts: Sequence[str]) -> dict[str, Path]:

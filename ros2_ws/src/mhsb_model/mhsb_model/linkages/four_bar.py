@@ -21,8 +21,6 @@ Source: loop closure, R. L. Norton, Design of Machinery, Sections 4.5, 4.10 (tra
 
 import math
 
-import numpy as np
-
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.schema import FourBar, Pin
 from mhsb_model.types import FloatArray
@@ -84,26 +82,6 @@ def cos_transmission_angle(row: FloatArray, q: float) -> float:
     cx, cz = _child_pin(row, math.cos(q), math.sin(q))
     dx, dz = cx - row[1], cz - row[2]
     return (a * a + b * b - dx * dx - dz * dz) / (2.0 * a * b)
-
-
-@kernel
-def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
-    """Compute the cosine of a four-bar's transmission angle at several joint angles.
-
-    The transmission angle µ is the angle between rocker and coupler.
-
-    Args:
-        row: Numbers of the four-bar, from `build_linkage_row`, float64[LINKAGE_WIDTH].
-        angles: Joint angles, float64[k], [rad].
-
-    Returns:
-        cos µ at each angle, float64[k]. If it is outside [−1, 1], the linkage cannot be assembled
-        there.
-    """
-    found = np.empty(len(angles))
-    for k in range(len(angles)):
-        found[k] = cos_transmission_angle(row, angles[k])
-    return found
 
 
 @kernel(borrows=True, forceinline=True, reads=True)

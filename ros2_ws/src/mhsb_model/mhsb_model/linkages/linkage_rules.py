@@ -4,6 +4,7 @@ Linkages are evaluated on a 0.1° grid of the joint angle.
 """
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -23,7 +24,7 @@ SMALLEST_TRANSMISSION_ANGLE = math.radians(20.0)
 At zero the four-bar locks and can change from one assembly mode to the other."""
 
 
-def check_linkages(config: MachineConfig) -> list[str]:
+def check_linkages(config: MachineConfig) -> Iterator[str]:
     """Check the linkages of all joints against the rules for assembly, moment arm and stroke.
 
     The rules must hold within each joint's limits. If a linkage cannot be assembled, its moment arm
@@ -32,17 +33,15 @@ def check_linkages(config: MachineConfig) -> list[str]:
     Args:
         config: Content of a machine file.
 
-    Returns:
-        One string `path: sentence` for each broken rule; empty if none is broken.
+    Yields:
+        One string `path: sentence` for each broken rule.
     """
-    problems = []
     for index, joint in enumerate(config.joints):
         if joint.kind == "slew":  # its moment arm is constant
             continue
         path = f"joints.{index}"
         assembly = _check_assembly(path, joint)
-        problems += assembly or [*_check_moment_arm(path, joint), *_check_stroke(path, joint)]
-    return problems
+        yield from assembly or [*_check_moment_arm(path, joint), *_check_stroke(path, joint)]
 
 
 def _check_assembly(path: str, joint: AnyJoint) -> list[str]:
@@ -62,7 +61,7 @@ def _check_assembly(path: str, joint: AnyJoint) -> list[str]:
     if not isinstance(joint.linkage, FourBar):
         return []
     row, angles = linkage.build_linkage_row(joint.linkage), _list_angles_within_limits(joint)
-    cosine = four_bar.cos_transmission_angles(row, angles)
+    cosine = np.array([four_bar.cos_transmission_angle(row, q) for q in angles])
     worst = int(np.argmax(np.abs(cosine)))
     at = f"at {angles[worst]:.4g} rad within {_format_limits(joint)}"
     if abs(cosine[worst]) > 1.0:

@@ -7,7 +7,7 @@ zone holds for the whole arm or for its tip alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -332,8 +332,8 @@ def build_obstacles(keep_out: KeepOut, joints: int, joints_before_plane: int = 0
 
 def _list_obstacles(
     keep_out: KeepOut, links: int, joints_before_plane: int
-) -> list[tuple[str, list[float]]]:
-    """List the obstacles of a machine file with their names and shapes.
+) -> Iterator[tuple[str, list[float]]]:
+    """Yield the obstacles of a machine file with their names and shapes.
 
     The order is zones, ground, base, self-collision.
 
@@ -342,34 +342,33 @@ def _list_obstacles(
         links: Number of links in the arm's plane.
         joints_before_plane: 1 if joint 1 slews, so that its link is not in the plane, else 0.
 
-    Returns:
+    Yields:
         One pair for each obstacle: its name, and a list of kind, link index and shape [m]. The link
         with this index (from 0) and all later links in the plane must not touch the obstacle. If
         the index equals `links`, only the tip must not touch it. For self-collision, the list is
         the kind and the indices of the two links, the later one first.
     """
-    found: list[tuple[str, list[float]]] = []
     named = 1 + joints_before_plane  # number of the first link in the plane
     zones: list[Zone] = [*keep_out.boxes, *keep_out.circles]
     for zone in [*zones, *keep_out.cylinders, *keep_out.spheres]:
         name, (kind, *shape) = _describe_zone(zone)
         first = 0 if zone.holds_for == "arm" else links
-        found.append((f"the keep-out {name}", [kind, first, *shape]))
+        yield f"the keep-out {name}", [kind, first, *shape]
     if keep_out.ground is not None:
-        name = f"the ground at z = {keep_out.ground:g} m"
-        found.append(
-            (name, [BOX_KIND, 0, -GROUND_EXTENT, -GROUND_EXTENT, GROUND_EXTENT, keep_out.ground])
-        )
+        extent = [-GROUND_EXTENT, -GROUND_EXTENT, GROUND_EXTENT, keep_out.ground]
+        yield f"the ground at z = {keep_out.ground:g} m", [BOX_KIND, 0, *extent]
     if keep_out.base is not None:
         name, (kind, *shape) = _describe_box(keep_out.base)
-        found.append((f"the base, a {name}", [kind, 1, *shape]))
+        yield f"the base, a {name}", [kind, 1, *shape]
     if keep_out.self_collision:
-        found += [
-            (f"itself, link {later} to link {earlier}", [LINK_KIND, later - named, earlier - named])
+        yield from (
+            (
+                f"itself, link {later} to link {earlier}",
+                [float(LINK_KIND), later - named, earlier - named],
+            )
             for later in range(2 + named, links + named)
             for earlier in range(named, later - 1)
-        ]
-    return found
+        )
 
 
 def _describe_zone(zone: Zone) -> tuple[str, list[float]]:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,7 +50,8 @@ def send(arm: SupervisedArm, plan: Plan) -> None:
 
 
 def shifted(plan: Plan, delta_ns: int) -> Plan:
-    return plan[0].shifted(delta_ns), plan[1].shifted(delta_ns)
+    trajectory = plan[0].shifted(delta_ns)
+    return trajectory, replace(plan[1], stamp_ns=trajectory.stamp_ns)
 
 
 def test_a_plan_is_taken_at_the_very_step_of_its_stamp(arm: SupervisedArm, motion: Motion) -> None:
