@@ -359,6 +359,12 @@ class LockStepWorld:
 
     # --- What happens ----------------------------------------------------------------------------
 
+    @property
+    def is_idle(self) -> bool:
+        """True if all goals have ended, no command is unconfirmed, and no stop is under way."""
+        state = self.life.state
+        return not (state.goals_in_progress or state.unconfirmed or self.life.is_stopping)
+
     def send_goal(self, *place: float) -> int:
         """Send a goal to the lifecycle, which handles it at once.
 

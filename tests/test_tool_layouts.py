@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_msgs_py import actuator_states, goal_pose, names, sim_status, topics
-from mhsb_planner.ros.planner_diagnostics import PLANNER_STATUS
+from mhsb_planner.ros.planner_node import PLANNER_STATUS
 
 ROOT = Path(__file__).resolve().parents[1]
 LAUNCH_FILES = [

@@ -222,10 +222,10 @@ import sys
 from mhsb_planner.ros import planner_node
 
 class Broken(planner_node.PlannerNode):
-    def _on_reference(self, message):
+    def _on_reference(self, heard, info):
         if self.get_parameter("goal_via_tolerance").value == 1.5:
             raise ZeroDivisionError("broken on purpose")
-        super()._on_reference(message)
+        super()._on_reference(heard, info)
 
 planner_node.PlannerNode = Broken
 sys.exit(planner_node.main())

@@ -319,8 +319,8 @@ class Actor:
             zones: The new zones.
         """
         arrays = {
-            name: [number for zone in getattr(zones, each.field) for number in zone]
-            for name, each in ZONE_PARAMETERS.items()
+            name: [number for zone in getattr(zones, field) for number in zone]
+            for name, field in ZONE_PARAMETERS.items()
         }
         parameters = [
             Parameter(name, Parameter.Type.DOUBLE_ARRAY, value) for name, value in arrays.items()

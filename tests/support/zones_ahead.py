@@ -195,7 +195,7 @@ def _run_trial(world: LockStepWorld, settings: Settings, crowded: Machine, stamp
     def record_and_test_rest() -> bool:
         """Record the reference's clearance and return whether arm and lifecycle are at rest."""
         clearances.append(crowded.clearance(world.arm.reference.position)[0])
-        return world.life.is_idle and not world.arm.is_moving
+        return world.is_idle and not world.arm.is_moving
 
     world.pass_time_until(record_and_test_rest)
     sentences = [each for each in world.warnings[said:] if "keep-out" in each]

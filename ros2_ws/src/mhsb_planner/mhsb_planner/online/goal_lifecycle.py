@@ -21,13 +21,13 @@ from mhsb_model.arm_reports import HandOverReason
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import MotionState
 from mhsb_model.verdict import Outcome, Report, Verdict
+from mhsb_planner.motion.s3_clearance import find_contact_ahead
 from mhsb_planner.online.arm_clock import Order, StampOrder
 from mhsb_planner.online.arm_state import ArmState
 from mhsb_planner.online.arm_stops import ArmStops
 from mhsb_planner.online.execution_monitor import ExecutionMonitor
 from mhsb_planner.online.goal_planning import GoalPlanning
 from mhsb_planner.online.goal_reports import GoalReports
-from mhsb_planner.online.goal_states import GoalState
 from mhsb_planner.online.hand_over import HandOver
 from mhsb_planner.online.lifecycle_state import LifecycleState
 from mhsb_planner.online.pending_goal import (
@@ -41,7 +41,6 @@ from mhsb_planner.online.planner_io import PlannerIO
 from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.online.stop_sequence import ARM_STOPPED, STOP_ASKED, Brake, StopSequence
-from mhsb_planner.online.zone_ahead import find_obstacle_ahead
 
 
 class GoalLifecycle:
@@ -80,35 +79,9 @@ class GoalLifecycle:
         self._stamp_order = StampOrder(outbox.describe_publisher_conflict)
 
     @property
-    def is_idle(self) -> bool:
-        """True if all goals have ended, no command is unconfirmed, and no stop is under way."""
-        state = self.state
-        return not (state.goals_in_progress or state.unconfirmed or self._stop)
-
-    def get_state(self, pending_goal: PendingGoal) -> GoalState:
-        """Return the state of a goal: waiting, being planned for, and so on.
-
-        Several states may apply, since several plans may be made for one goal.
-
-        Args:
-            pending_goal: The goal.
-
-        Returns:
-            The first state that applies, in this order: `ENDED`; `STOPPING` or `EXECUTING`;
-            `PLANNING`; `WAITING`; `REVOKED` (a stop has made its plan void); `UNCONFIRMED` (its
-            plan was sent, and the arm has not answered).
-        """
-        state = self.state
-        if pending_goal.has_ended:
-            return GoalState.ENDED
-        if state.executes(pending_goal):
-            return GoalState.EXECUTING if self._stop is None else GoalState.STOPPING
-        if state.request is not None and state.request.pending_goal is pending_goal:
-            return GoalState.PLANNING
-        if state.waiting is pending_goal:
-            return GoalState.WAITING
-        sent = state.unconfirmed
-        return GoalState.REVOKED if sent is None or sent.is_void else GoalState.UNCONFIRMED
+    def is_stopping(self) -> bool:
+        """True while a stop is under way."""
+        return self._stop is not None
 
     # --- Goals and plans -------------------------------------------------------------------------
 
@@ -467,11 +440,11 @@ class GoalLifecycle:
         own, now_ns = self.arm_state.own_command, self.state.now_ns
         if own is None or not self.arm_state.executes_own(now_ns):
             return
-        obstacle = find_obstacle_ahead(self.state.settings.machine, own, now_ns)
-        if obstacle is None:
+        contact = find_contact_ahead(self.state.settings.machine, own.trajectory, now_ns)
+        if contact is None:
             return
         stop = self._begin_stop("", goal_after_stop)
-        stop.brake_for(obstacle)
+        stop.brake_for(contact.name)
         self._continue_stop()
         if self._stop is stop:
             stop.report_waiting()

@@ -8,7 +8,6 @@ any moment.
 
 import math
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
@@ -40,24 +39,13 @@ STREAM_END_PERIODS = 1.5
 """Number of periods without a goal after which the goal counts as having stopped [-]."""
 
 
-class _ReceivedGoal(NamedTuple):
-    """Position of a goal, and the time of its receipt.
-
-    Attributes:
-        position: Place of the goal in `base_link`, (x, z) or (x, y, z) [m].
-        received_at: Time of receipt by the steady clock [s].
-    """
-
-    position: Position
-    received_at: float
-
-
 class GoalStream:
     """Estimator of a moving goal's velocity and period; all times are by the steady clock [s]."""
 
     def __init__(self) -> None:
         """Begin without a goal."""
-        self._received: deque[_ReceivedGoal] = deque(maxlen=MAX_VELOCITY_SAMPLES)
+        # positions of goals in `base_link` [m], and times of their receipt [s]
+        self._received: deque[tuple[Position, float]] = deque(maxlen=MAX_VELOCITY_SAMPLES)
 
     def add_goal(self, goal: Goal, received_at: float) -> None:
         """Add a goal to the stream, or begin a new stream with it.
@@ -71,19 +59,19 @@ class GoalStream:
             received_at: Time of receipt by the steady clock [s].
         """
         if self._received:
-            last = self._received[-1]
-            passed = received_at - last.received_at
+            last_position, last_at = self._received[-1]
+            passed = received_at - last_at
             if passed <= 0.0:
                 return
-            moved = math.dist(goal.position, last.position)
+            moved = math.dist(goal.position, last_position)
             if passed > LONGEST_PERIOD or moved > MAX_GOAL_SPEED * passed:
                 self._received.clear()
-        self._received.append(_ReceivedGoal(goal.position, received_at))
+        self._received.append((goal.position, received_at))
 
     @property
     def period(self) -> float:
         """Median time from one goal to the next [s]; NaN if there are fewer than two goals."""
-        return float(np.median(np.diff([each.received_at for each in self._received])))
+        return float(np.median(np.diff([at for _, at in self._received])))
 
     @property
     def velocity(self) -> Position:
@@ -94,8 +82,7 @@ class GoalStream:
         """
         if len(self._received) < 3:
             return 0.0, 0.0
-        position = np.array([each.position for each in self._received])
-        time = np.array([each.received_at for each in self._received])
+        position, time = (np.array(each) for each in zip(*self._received, strict=True))
         since = time - time.mean()
         velocity = tuple(float(since @ along / (since @ since)) for along in position.T)
         return velocity if math.hypot(*velocity) >= MIN_GOAL_SPEED else (0.0,) * len(velocity)
@@ -112,7 +99,7 @@ class GoalStream:
         """
         if not any(self.velocity):
             return False
-        return now - self._received[-1].received_at <= STREAM_END_PERIODS * self.period
+        return now - self._received[-1][1] <= STREAM_END_PERIODS * self.period
 
     def extrapolate(self, goal: Goal, age: float, commit_horizon: float, dead_time: float) -> Goal:
         """Extrapolate a moving goal to the place at which a plan for it should end.

@@ -6,8 +6,6 @@ velocity and acceleration. The time of plans is the arm's clock minus the delay 
 has caused.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 from collections.abc import Iterable
@@ -60,7 +58,7 @@ class Replan:
         """
         return self.previous_command.trajectory.end_ns <= self.command.stamp_ns
 
-    def with_stamp(self, now_ns: int, commit_horizon: float) -> Replan | None:
+    def with_stamp(self, now_ns: int, commit_horizon: float) -> "Replan | None":
         """Return a copy of this plan from rest whose command begins at another time.
 
         Args:

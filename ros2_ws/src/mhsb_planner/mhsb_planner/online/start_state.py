@@ -11,7 +11,6 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
-from mhsb_model.trajectory import MotionState
 from mhsb_planner.online.arm_state import ArmState
 from mhsb_planner.online.rest_detector import OLDEST_STATE, REST_SPEED
 
@@ -50,11 +49,11 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
     that is silent (`ArmState.is_silent`). Otherwise the first of these sources that exists decides:
 
     1. This planner's last confirmed command, if the arm reports that it executes this command.
-    2. A fresh reference of the arm. If it rests, the result holds the arm there. If it moves,
-       `MovingError` is raised.
+    2. A fresh reference of the arm. If it rests, the result holds the arm there. If any velocity or
+       acceleration of it is not exactly 0, `MovingError` is raised.
     3. This planner's last confirmed command, if the arm does not report which plan it executes.
-    4. A fresh measurement. If it rests, the result holds the arm there. If it moves, `MovingError`
-       is raised.
+    4. A fresh measurement. If it rests, the result holds the arm there. If the speed of a joint is
+       `REST_SPEED` or more, `MovingError` is raised.
 
     Args:
         arm_state: Arm state.
@@ -80,55 +79,21 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
     if own is not None and arm_state.plan_in_force_ns == own.stamp_ns:
         return own
     if reference is not None and reference.is_fresh(steady_time):
-        return _create_hold_at_reference(arm_state, reference.state, now_ns)
+        if reference.state.velocity.any() or reference.state.acceleration.any():
+            raise MovingError(
+                "the arm follows a command that this planner did not give, at "
+                f"{np.abs(reference.state.velocity).max():.3g} rad/s; call the arm's ~/stop or "
+                "wait until it rests"
+            )
+        return Command.hold(now_ns, reference.state.position, arm_state.modes_in_force)
     if arm_state.plan_in_force_ns is None and own is not None:
         return own
     if measured is not None and measured.is_fresh(steady_time):
-        return _create_hold_at_measurement(arm_state, measured.state, now_ns)
+        speed = float(np.abs(measured.state.velocity).max())
+        if speed >= REST_SPEED:
+            raise MovingError(
+                f"the arm moves at {speed:.3g} rad/s and its command is unknown; a first plan "
+                f"needs less than {REST_SPEED:g} rad/s"
+            )
+        return Command.hold(now_ns, measured.state.position, arm_state.modes_in_force)
     raise NoStateError(mismatch=arm_state.qos_mismatch)
-
-
-def _create_hold_at_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
-    """Create a command that holds the arm at its reference, which must rest.
-
-    Args:
-        arm_state: Arm state, which gives the modes in force.
-        state: Position, velocity and acceleration of the reference.
-        now_ns: Stamp of the result [ns].
-
-    Returns:
-        The holding command.
-
-    Raises:
-        MovingError: Any velocity or acceleration of the reference is not exactly 0.
-    """
-    if state.velocity.any() or state.acceleration.any():
-        raise MovingError(
-            "the arm follows a command that this planner did not give, at "
-            f"{np.abs(state.velocity).max():.3g} rad/s; call the arm's ~/stop or wait until "
-            "it rests"
-        )
-    return Command.hold(now_ns, state.position, arm_state.modes_in_force)
-
-
-def _create_hold_at_measurement(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
-    """Create a command that holds the arm at the measured joint positions.
-
-    Args:
-        arm_state: Arm state, which gives the modes in force.
-        state: Measured position and velocity.
-        now_ns: Stamp of the result [ns].
-
-    Returns:
-        The holding command.
-
-    Raises:
-        MovingError: The speed of a joint is `REST_SPEED` or more.
-    """
-    speed = float(np.abs(state.velocity).max())
-    if speed >= REST_SPEED:
-        raise MovingError(
-            f"the arm moves at {speed:.3g} rad/s and its command is unknown; a first plan "
-            f"needs less than {REST_SPEED:g} rad/s"
-        )
-    return Command.hold(now_ns, state.position, arm_state.modes_in_force)

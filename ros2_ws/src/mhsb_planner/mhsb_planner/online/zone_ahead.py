@@ -7,8 +7,6 @@ comes to rest. Absolute times are in the time of plans: the arm's clock minus th
 scaling has caused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -75,7 +73,7 @@ class ZoneStop:
         change_ns: int,
         previous_motion: Trajectory,
         since_ns: int,
-    ) -> ZoneStop:
+    ) -> "ZoneStop":
         """Measure the clearances of a braking command among the machine's obstacles.
 
         Clearances are sampled every `LOOK_NS`.
@@ -164,21 +162,6 @@ class ZoneStop:
             f"{obstacle} was set across the way; the arm stops as soon as it can, "
             f"but not before it: it comes to rest {where}"
         )
-
-
-def find_obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str | None:
-    """Find the first obstacle that the remaining part of a motion touches.
-
-    Args:
-        machine: Machine with the zones in force.
-        in_force: Command whose motion is checked up to its end.
-        now_ns: Time at which the check begins, by the clock of the command's stamp [ns].
-
-    Returns:
-        Name of the obstacle; None if the motion touches no obstacle.
-    """
-    contact = find_contact_ahead(machine, in_force.trajectory, now_ns)
-    return None if contact is None else contact.name
 
 
 def make_braking_for_obstacle(

@@ -1,7 +1,5 @@
 """Check of the reach of an arm, which needs none of the kernels that take long to compile."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mhsb_model.errors import MhsbError, OutOfWorkspaceError

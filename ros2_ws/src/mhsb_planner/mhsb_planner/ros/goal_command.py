@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 from rclpy.executors import SingleThreadedExecutor
@@ -73,19 +73,15 @@ def goal(
             f"--psi-range takes the least and the greatest angle, not {low:g} and {high:g}"
         )
     command_line.set_interrupt_note("no goal was sent")
-    say = _print_nothing if json else partial(print, flush=True)
+    say = (lambda line: None) if json else partial(print, flush=True)
     with run_command_node(GoalSender) as (executor, sender):
         changes = _collect_parameter_changes(tolerance, psi_range)
         answer = _send_and_wait(sender, executor, place, changes, wait, timeout, say)
     if answer.trouble:
         say(answer.trouble)
     if json:
-        print(json_format.dumps(answer.to_json_values()))
+        print(json_format.dumps(asdict(answer) | {"trouble": answer.trouble or None}))
     return answer.exit_code
-
-
-def _print_nothing(_: str) -> None:
-    """Print nothing. The function replaces `print` if the output is JSON."""
 
 
 @dataclass(frozen=True)
@@ -104,20 +100,6 @@ class CommandResult:
     trouble: str = ""
     verdict: GoalVerdict | None = None
     execution: ExecutionReport | None = None
-
-    def to_json_values(self) -> dict[str, Any]:
-        """Convert the result to plain types for JSON.
-
-        Returns:
-            Values by the keys `exit_code`, `trouble`, `verdict` and `execution`, in SI units.
-            Verdict and report are mappings of their fields. A missing value is None.
-        """
-        return {
-            "exit_code": self.exit_code,
-            "trouble": self.trouble or None,
-            "verdict": asdict(self.verdict) if self.verdict else None,
-            "execution": asdict(self.execution) if self.execution else None,
-        }
 
 
 def _collect_parameter_changes(
@@ -271,10 +253,4 @@ def _format_verdict(verdict: GoalVerdict) -> list[str]:
     return lines
 
 
-def main() -> int:
-    """Run the executable `ros2 run mhsb_planner goal`."""
-    return command_line.run(goal, node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(goal, node=True)

@@ -6,8 +6,6 @@ A goal with `plan_only` is planned for but not executed. The interface package m
 be compiled. If it is missing, the planner node logs this and serves only the topics.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -27,7 +25,7 @@ from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.verdict import GoalVerdict, Outcome, PlanSummary, Report, Verdict
 from mhsb_msgs_py import names, qos, stamps
-from mhsb_msgs_py.errors import GoalError, MessageError
+from mhsb_msgs_py.errors import GoalError
 from mhsb_msgs_py.guarded_executor import get_faults
 from mhsb_planner import deadline
 from mhsb_planner.errors import DeadlineError
@@ -38,7 +36,6 @@ from mhsb_planner.online.goal_reports import (
     compose_at_goal_verdict,
     find_verdict_code,
 )
-from mhsb_planner.online.goal_states import GoalState
 from mhsb_planner.online.pending_goal import Adjustment, PendingGoal, summarize_plan
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.progress import Progress
@@ -102,7 +99,7 @@ class _ActionGoal:
     """
 
     handle: Any
-    on_finished: Callable[[_ActionGoal], None]
+    on_finished: Callable[["_ActionGoal"], None]
     success: bool | None = None
     pending_goal: PendingGoal | None = None
     progress: Progress = field(default_factory=Progress)
@@ -259,8 +256,6 @@ class MoveTipServer:
             changes = goal_options.decode(self._node, self._machine, request.options)
         except GoalError as error:
             job.refuse(error.code, str(error))
-        except MessageError as error:
-            job.refuse(Verdict.INTERNAL, str(error))
         except MhsbError as error:
             job.refuse(find_verdict_code(error), str(error))
         else:
@@ -483,8 +478,7 @@ class MoveTipServer:
             execution, state = life.state.execution, "planning"
             if execution is not None and execution.pending_goal is job.pending_goal:
                 job.progress.update(execution, life.state.now_ns)
-                is_stopping = life.get_state(execution.pending_goal) is GoalState.STOPPING
-                state = "stopping" if is_stopping else "moving"
+                state = "stopping" if life.is_stopping else "moving"
             job.handle.publish_feedback(
                 self._action.Feedback(
                     state=state,

@@ -3,7 +3,7 @@
 import gc
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -156,17 +156,15 @@ class RosOutbox:
         # Errors of searches form cycles with their frames, which hold step graphs of 20 MB.
         gc.collect()
 
-    def take_answers(self) -> list[Answer]:
-        """Return the answers since the previous call, and remove them from the queue.
+    def take_answers(self) -> Iterator[Answer]:
+        """Remove answers from the queue until it is empty, and yield them.
 
-        Returns:
+        Yields:
             Pairs of request and answer in time order. An answer is the plan, an exception, or None
             if the arm is at the goal.
         """
-        made = []
         while self._answers:
-            made.append(self._answers.popleft())
-        return made
+            yield self._answers.popleft()
 
     # --- Messages --------------------------------------------------------------------------------
 

@@ -6,35 +6,31 @@ thread, everything else in the executor's thread.
 """
 
 import gc
-import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import rclpy
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from sensor_msgs.msg import JointState
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model import command_line
-from mhsb_model.arm_reports import HandOverReport
+from mhsb_model.arm_reports import Estimate, HandOverReport, SimulatorReport
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_model.types import Position
-from mhsb_model.verdict import GoalVerdict, Verdict
+from mhsb_model.types import ModeArray, Position
+from mhsb_model.verdict import GoalVerdict, Level, Verdict
 from mhsb_msgs_py import (
     estimates,
     goal_pose,
@@ -48,12 +44,17 @@ from mhsb_msgs_py import (
     stamps,
     topics,
 )
+from mhsb_msgs_py.endpoints import describe_duplicates
 from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.faults import Faults
+from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.matching import MatchingSubscriptions
 from mhsb_msgs_py.node_process import spin_node
+from mhsb_msgs_py.reference import Reference
+from mhsb_msgs_py.status_values import make_status
 from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.progress import compute_energy_between
@@ -61,7 +62,7 @@ from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.online.settings import Settings, choose_payload
 from mhsb_planner.online.start_state import NoStateError
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_planner.ros import planner_diagnostics, planner_parameters
+from mhsb_planner.ros import planner_parameters
 from mhsb_planner.ros.message_times import find_message_times
 from mhsb_planner.ros.move_tip_server import MoveTipServer
 from mhsb_planner.ros.outbox import RosOutbox
@@ -72,6 +73,9 @@ TIMER_PERIOD = 0.02
 
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two statuses on /diagnostics [s]."""
+
+PLANNER_STATUS = f"{names.PLANNER_NODE}: planner"
+"""Name of the planner node's status on /diagnostics."""
 
 EXECUTION_TOPICS = (topics.JOINT_STATES, topics.REFERENCE, topics.PLAN_IN_FORCE)
 """Topics by which the execution of a plan is monitored.
@@ -140,6 +144,7 @@ class PlannerNode(Node):
         repeatedly. The subscription to goals is created last, so that its presence shows that the
         planner is ready.
         """
+        life, joints, space = self._lifecycle, self._machine.joint_names, self.get_namespace()
         self.create_service(
             Trigger,
             names.STOP_SERVICE,
@@ -154,20 +159,76 @@ class PlannerNode(Node):
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=self.faults.wrap("the clock's jump", self._on_clock_jump),
+            post_callback=self.faults.wrap(
+                "the clock's jump",
+                lambda jump: life.handle_clock_jump("the clock went back or changed"),
+            ),
         )
-        for topic, callback in (
-            (topics.JOINT_STATES, _drop_info(self._on_joint_states)),
-            (topics.REFERENCE, _drop_info(self._on_reference)),
-            (topics.PLAN_IN_FORCE, _drop_info(self._on_plan_in_force)),
-            (topics.MODES, _drop_info(self._on_modes)),
-            (topics.DIAGNOSTICS, self._on_diagnostics),
-            (topics.ESTIMATES, _drop_info(self._on_estimates)),
+        for heard in (
+            (
+                topics.JOINT_STATES,
+                "joint_states are",
+                lambda message: joint_state.decode(message, joints),
+                self._on_joint_states,
+            ),
+            (
+                topics.REFERENCE,
+                "reference is",
+                lambda message: reference.decode(message, joints),
+                self._on_reference,
+            ),
+            (
+                topics.PLAN_IN_FORCE,
+                "plan_in_force is",
+                stamps.from_time,
+                lambda stamp_ns, info: life.handle_plan_in_force(stamp_ns),
+            ),
+            (
+                topics.MODES,
+                "modes are",
+                lambda message: modes_in_force.decode(message, len(joints)),
+                self._on_modes,
+            ),
+            (
+                topics.DIAGNOSTICS,
+                "a report of the arm is",
+                lambda message: sim_status.decode(message, space),
+                self._on_reports,
+            ),
+            (topics.ESTIMATES, "estimates are", estimates.decode, self._on_estimates),
         ):
-            heard = self._matching_subscriptions.add(topic, callback)
-            if topic in EXECUTION_TOPICS:
-                self.faults.watch(heard)
+            self._listen(*heard)
         self._matching_subscriptions.add(topics.GOAL_POSE, self._on_goal, at_once=True)
+
+    def _listen(
+        self,
+        topic: topics.Topic,
+        words: str,
+        decode: Callable[[Any], Any],
+        use: Callable[[Any, dict[str, int]], None],
+    ) -> None:
+        """Subscribe to a topic of the arm.
+
+        Args:
+            topic: The topic.
+            words: Subject and verb of the warning about a message that cannot be used, such as
+                "modes are". The message is dropped.
+            decode: Function that decodes a message, or raises `MessageError`.
+            use: Function of the decoded message, and of rclpy's information on the message.
+        """
+
+        def take(message: Any, info: dict[str, int]) -> None:
+            """Decode a message and use it."""
+            try:
+                decoded = decode(message)
+            except MessageError as error:
+                self._warn(f"{words} not used: {error}")
+            else:
+                use(decoded, info)
+
+        subscription = self._matching_subscriptions.add(topic, take)
+        if topic in EXECUTION_TOPICS:
+            self.faults.watch(subscription)
 
     def _serve_action(self) -> MoveTipServer | None:
         """Start the server of the action ~/move_tip if its interface was built.
@@ -244,8 +305,8 @@ class PlannerNode(Node):
             Settings for the machine without its failed servo pumps. The estimated payload is used
             if `payload_from` is `estimate` and there is an estimate.
         """
-        return planner_parameters.read_parameters(self, self._machine, own).make_settings(
-            self._machine, self._lost_pumps, self._estimated_payload
+        return planner_parameters.read_settings(
+            self, self._machine, own, self._lost_pumps, self._estimated_payload
         )
 
     # --- Messages received -----------------------------------------------------------------------
@@ -313,80 +374,32 @@ class PlannerNode(Node):
         tip = self._machine.convert_to_base(np.array([x, z]), float(state.position[0]))
         return tuple(tip.tolist())
 
-    def _on_clock_jump(self, jump: TimeJump) -> None:
-        """Report to the goal lifecycle that the ROS clock went back or was changed."""
-        self._lifecycle.handle_clock_jump("the clock went back or changed")
-
-    def _on_joint_states(self, message: JointState) -> None:
-        """Decode a measured joint state and store it in the arm state.
-
-        Args:
-            message: Message of `joint_states`. If it cannot be used, it is logged and dropped.
-        """
-        try:
-            sample = joint_state.decode(message, self._machine.joint_names)
-        except MessageError as error:
-            self._warn(f"joint_states are not used: {error}")
-            return
+    def _on_joint_states(self, sample: JointSample, info: dict[str, int]) -> None:
+        """Store a measured joint state in the arm state."""
         state = MotionState(sample.position, sample.velocity, 0 * sample.velocity)
         self._lifecycle.arm_state.add_measurement(state, deadline.now())
 
-    def _on_reference(self, message: JointTrajectory) -> None:
-        """Decode the reference, the state that the servo follows, and pass it to the lifecycle.
-
-        Args:
-            message: Message of `reference`. If it cannot be used, it is logged and dropped.
-        """
-        try:
-            heard = reference.decode(message, self._machine.joint_names)
-        except MessageError as error:
-            self._warn(f"reference is not used: {error}")
-            return
+    def _on_reference(self, heard: Reference, info: dict[str, int]) -> None:
+        """Pass the reference, the state that the servo follows, to the goal lifecycle."""
         self._lifecycle.handle_reference(heard.state, heard.stamp_ns)
 
-    def _on_modes(self, message: UInt8MultiArray) -> None:
-        """Decode the modes in force and store them in the arm state.
+    def _on_modes(self, modes: ModeArray, info: dict[str, int]) -> None:
+        """Store the modes in force in the arm state."""
+        self._lifecycle.arm_state.modes = modes
 
-        Args:
-            message: Message of `modes`. If it cannot be used, it is logged and dropped.
-        """
-        try:
-            self._lifecycle.arm_state.modes = modes_in_force.decode(
-                message, self._machine.joint_count
-            )
-        except MessageError as error:
-            self._warn(f"modes are not used: {error}")
-
-    def _on_plan_in_force(self, message: Time) -> None:
-        """Decode the stamp of the plan in force and pass it to the goal lifecycle.
-
-        Args:
-            message: Message of `plan_in_force`. If it cannot be used, it is logged and dropped.
-        """
-        try:
-            stamp_ns = stamps.from_time(message)
-        except MessageError as error:
-            self._warn(f"plan_in_force is not used: {error}")
-            return
-        self._lifecycle.handle_plan_in_force(stamp_ns)
-
-    def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
-        """Decode the arm's reports on /diagnostics and pass them to the goal lifecycle.
+    def _on_reports(
+        self, reports: list[HandOverReport | SimulatorReport], info: dict[str, int]
+    ) -> None:
+        """Pass the arm's reports on /diagnostics to the goal lifecycle.
 
         A report on the arm itself contains fault, last stop, machine, plan delay and failed servo
         pumps. From then on, plans are made without the failed pumps. A report that the arm has
-        refused a plan contains the plan's stamp and the reason. Other statuses are ignored.
+        refused a plan contains the plan's stamp and the reason.
 
         Args:
-            message: Message of `/diagnostics`. If a report in it cannot be read, the message is
-                logged and dropped.
+            reports: Reports of one message.
             info: rclpy's information on the message, which gives its time of receipt.
         """
-        try:
-            reports = sim_status.decode(message, self.get_namespace())
-        except MessageError as error:
-            self._warn(f"a report of the arm is not used: {error}")
-            return
         for report in reports:
             if not isinstance(report, HandOverReport):
                 self._lifecycle.handle_arm_fault(report.sentence if report.faulty else "")
@@ -409,7 +422,7 @@ class PlannerNode(Node):
                     report.plan_stamp_ns, report.reason, report.sentence
                 )
 
-    def _on_estimates(self, message: JointState) -> None:
+    def _on_estimates(self, heard: list[Estimate], info: dict[str, int]) -> None:
         """Store the payload that the arm has estimated, and use it if `payload_from` is `estimate`.
 
         An accurate estimate replaces the previous estimate if the two differ enough
@@ -418,18 +431,14 @@ class PlannerNode(Node):
         kept.
 
         Args:
-            message: Message of `estimates`. If it cannot be used, it is logged and dropped.
+            heard: Estimates of any quantities of the arm.
+            info: rclpy's information on the message.
         """
-        try:
-            heard = estimates.decode(message)
-        except MessageError as error:
-            self._warn(f"estimates are not used: {error}")
-            return
         payload = choose_payload(heard, self._estimated_payload)
         if payload == self._estimated_payload:
             return
         before, self._estimated_payload = self._estimated_payload, payload
-        if planner_parameters.read_parameters(self, self._machine).payload_from != "estimate":
+        if self.get_parameter("payload_from").value != "estimate":
             return
         try:
             self._take_settings()
@@ -534,19 +543,39 @@ class PlannerNode(Node):
         """Adapt subscriptions to publishers' quality of service, and publish the node's status.
 
         A sentence on publishers whose quality of service does not match is stored in the arm state.
+        The status has these values: number of verdicts, plan in force, and estimated commit horizon
+        [s]. The commit horizon is the time until a new plan takes over. Further values are the
+        payload [kg], name and hash of the machine, and the faults of callbacks. Its level is WARN
+        in three cases: no state of the arm was received recently, there is a duplicate, or a
+        callback has failed recently. Another node is a duplicate if it has the name of this node,
+        or publishes on the same topics. Duplicates are also logged, at most every 10 s.
         """
         self._matching_subscriptions.update()
-        self._lifecycle.arm_state.qos_mismatch = self._matching_subscriptions.problem
-        message = planner_diagnostics.compose_diagnostics(
-            self,
-            deadline.now(),
-            self._lifecycle,
-            self._outbox,
-            self._settings.machine.arrays.payload,
-            self._machine,
-            self.faults,
+        view = self._lifecycle.arm_state
+        view.qos_mismatch = self._matching_subscriptions.problem
+        doubles = describe_duplicates(self, self._outbox.exclusive_publishers)
+        if doubles:
+            self.get_logger().warning(doubles, throttle_duration_sec=10.0)
+        known = view.get_fresh_state(deadline.now()) is not None
+        warnings = "; ".join(filter(None, (doubles, self.faults.get_recent_fault())))
+        status = make_status(
+            PLANNER_STATUS,
+            Level.OK if known and not warnings else Level.WARN,
+            warnings or ("ready" if known else "no state of the arm is received"),
+            names.PLANNER_NODE,
+            {
+                "verdicts_given": str(self._outbox.verdict_count),
+                "plan_in_force": _describe_plan_in_force(view),
+                "lead_s": f"{self._lifecycle.hand_over.horizon_estimator.horizon:.4f}",
+                "payload_kg": f"{self._settings.machine.arrays.payload:.3f}",
+                "machine": self._machine.name,
+                "machine_hash": self._machine.planning_hash,
+                "faults": str(self.faults.count),
+                "last_fault": self.faults.last,
+            },
         )
-        self._outbox.publish(topics.DIAGNOSTICS, message)
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._outbox.publish(topics.DIAGNOSTICS, DiagnosticArray(header=header, status=[status]))
 
     def _show_markers(self) -> None:
         """Publish markers of all obstacles and of this planner's confirmed command."""
@@ -567,16 +596,27 @@ class PlannerNode(Node):
         super().destroy_node()
 
 
-def _drop_info(callback: Callable[[Any], None]) -> Callable[[Any, dict[str, int]], None]:
-    """Return a subscription callback that passes on the message alone, without rclpy's information.
+def _describe_plan_in_force(arm_state: ArmState) -> str:
+    """Describe the stamp and the origin of the plan in force as text.
 
     Args:
-        callback: Function of the message alone.
+        arm_state: Arm state.
 
     Returns:
-        Function of the message and rclpy's information on it.
+        "unknown" if the arm has not reported which plan it executes; "none, the arm holds" if the
+        arm reports that it executes no plan. Otherwise the stamp, and whether this planner made the
+        plan.
     """
-    return lambda message, info: callback(message)
+    if arm_state.plan_in_force_ns is None:
+        return "unknown"
+    if arm_state.plan_in_force_ns == NO_PLAN:
+        return "none, the arm holds"
+    own = (
+        arm_state.own_command is not None
+        and arm_state.own_command.stamp_ns == arm_state.plan_in_force_ns
+    )
+    whose = "this planner's" if own else "somebody else's"
+    return f"{stamps.to_text(arm_state.plan_in_force_ns)}, {whose}"
 
 
 def planner_node() -> int:
@@ -588,10 +628,4 @@ def planner_node() -> int:
     return spin_node(PlannerNode)
 
 
-def main() -> int:
-    """Run the executable `ros2 run mhsb_planner planner_node`."""
-    return command_line.run(planner_node, name="planner_node", node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(planner_node, node=True)

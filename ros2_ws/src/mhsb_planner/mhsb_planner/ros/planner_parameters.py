@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from rclpy.parameter import Parameter
 from mhsb_model.command_line import UsageError
 from mhsb_model.errors import MhsbError, suggest_unit_of_number
 from mhsb_model.machine import Machine
-from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import Position
 from mhsb_msgs_py.parameters import NodeParameter
 from mhsb_planner.errors import RequestError
@@ -20,7 +18,6 @@ from mhsb_planner.goal_region import (
     MAX_REGION_SIZE,
     WIDEST_ANGLE,
     Angle,
-    Region,
     check_angle,
     create_region,
 )
@@ -40,7 +37,6 @@ from mhsb_planner.planners.registry import (
 from mhsb_planner.ros.flat_arrays import FARTHEST_POINT, split_rows
 from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS, declare_zones, make_zones
 from mhsb_planner.search.s2_search import Weights
-from mhsb_planner.search.s2_step import EnergyReading
 
 ENERGY_READINGS = ("paper", "series")
 """Values of the parameter `energy_reading`."""
@@ -71,9 +67,6 @@ SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0
 
 LEAD_IS = "time from a plan's stamp to its first new motion [s]"
 """Definition of the commit horizon, for the descriptions of its parameters."""
-
-HIGHEST_AREA_WEIGHT = HIGHEST_WEIGHT
-"""Upper limit of the parameter `area_weight` [1/m]."""
 
 OWN_RANGES = {
     "weights": (0.0, HIGHEST_WEIGHT),
@@ -161,7 +154,7 @@ MOTION_PARAMETERS = (
         0.0,
         "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for planners that "
         "can weigh it",
-        (0.0, HIGHEST_AREA_WEIGHT),
+        (0.0, HIGHEST_WEIGHT),
     ),
     NodeParameter(
         "max_speed_excess",
@@ -171,124 +164,6 @@ MOTION_PARAMETERS = (
     ),
 )
 """Parameters of the path and of the motion along it."""
-
-
-@dataclass(frozen=True)
-class PlannerParameters:
-    """Values of the planner node's parameters, in SI units.
-
-    Attributes:
-        planner: Name of the planner, one of `registry.REGISTERED_PLANNERS`.
-        weights: Weights (w1, w2, w3) of energy, time and mode switches.
-        energy_reading: Energy reading of the cost, `paper` or `series`.
-        payload: Payload at the tip [kg].
-        payload_from: Source of the payload in plans: `payload` (`file`), or the arm's estimate
-            (`estimate`).
-        supply_pressure: Pressure of the main pump [Pa].
-        v_max: Piston speed limit V_max [m/s]. An actuator with a lower limit in the machine file
-            keeps its own limit.
-        lead_min: Lower bound of the commit horizon (time until a new plan takes over) [s].
-        lead_max: Upper bound of the commit horizon [s].
-        planning_budget: Fixed commit horizon [s]. 0 means that the horizon is estimated, within the
-            bounds.
-        goal_psi: Angle of the end link at the goal [rad], or its least and greatest value. None
-            means any angle.
-        goal_region: Region around the goal in which the tip may end; None for the exact goal.
-        goal_via: Via points on the way to a goal, in this order, each (x, z) or (x, y, z) [m].
-        goal_via_tolerance: Largest distance at which the tip may pass a via point [m].
-        area_weight: Weight w₄ of the manipulability loss [1/m]; 0 leaves the loss out of the cost.
-        max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial [-].
-        reached_tolerance: Largest distance of the measured tip from the goal, or from its region,
-            at which the goal counts as reached [m].
-        zones: Keep-out zones of the whole arm and of its tip.
-    """
-
-    planner: str
-    weights: tuple[float, float, float]
-    energy_reading: EnergyReading
-    payload: float
-    payload_from: str
-    supply_pressure: float
-    v_max: float
-    lead_min: float
-    lead_max: float
-    planning_budget: float
-    goal_psi: Angle
-    goal_region: Region | None
-    goal_via: tuple[Position, ...]
-    goal_via_tolerance: float
-    area_weight: float
-    max_speed_excess: float
-    reached_tolerance: float
-    zones: Zones
-
-    @property
-    def options(self) -> PlanOptions:
-        """Options of a plan with these values."""
-        return PlanOptions(
-            weights=Weights(*self.weights),
-            energy_reading=self.energy_reading,
-            goal_psi=self.goal_psi,
-            goal_region=self.goal_region,
-            via=self.goal_via,
-            via_tolerance=self.goal_via_tolerance,
-            planner=self.planner,
-            area_weight=self.area_weight,
-            max_speed_excess=self.max_speed_excess,
-        )
-
-    def make_settings(
-        self,
-        base: Machine,
-        lost_servo_pumps: tuple[int, ...] = (),
-        estimated_payload: float | None = None,
-    ) -> Settings:
-        """Make the settings of plans from these values.
-
-        Args:
-            base: Machine of the machine file.
-            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each failed pump reduces the
-                number of booster modules by one.
-            estimated_payload: Payload that the arm has estimated [kg]; None if there is no
-                estimate. The estimate replaces `payload` if `payload_from` is `estimate`.
-
-        Returns:
-            Settings with the options, the limits of the commit horizon and the planning budget.
-            Their machine is that of the file with payload, supply pressure, V_max and zones of
-            these values, and with the remaining booster modules, at least 0.
-        """
-        modules = max(base.arrays.module_count - len(lost_servo_pumps), 0)
-        machine = self.apply_to_machine(base)
-        if self.payload_from == "estimate" and estimated_payload is not None:
-            machine = machine.changed(payload=estimated_payload)
-        return Settings(
-            machine.changed(module_count=modules),
-            self.options,
-            self.lead_min,
-            self.lead_max,
-            self.planning_budget,
-            self.reached_tolerance,
-            lost_servo_pumps,
-        )
-
-    def apply_to_machine(self, base: Machine) -> Machine:
-        """Return a copy of a machine that is changed by these values.
-
-        Payload, supply pressure, V_max (piston speed for which plans are made) and zones are
-        changed.
-
-        Args:
-            base: Machine of the machine file. It is not changed.
-
-        Returns:
-            The changed copy.
-        """
-        return base.changed(
-            payload=self.payload,
-            supply_pressure=self.supply_pressure,
-            max_piston_speed=self.v_max,
-            zones=self.zones,
-        )
 
 
 def declare_table_path(node: Node) -> Path | None:
@@ -378,24 +253,35 @@ def declare_changeable(node: Node, machine: Machine) -> None:
         raise UsageError(reason)
 
 
-def read_parameters(
-    node: Node, machine: Machine, goal_parameters: Sequence[Parameter] = ()
-) -> PlannerParameters:
-    """Read the present values of the parameters.
+def read_settings(
+    node: Node,
+    machine: Machine,
+    goal_parameters: Sequence[Parameter] = (),
+    lost_servo_pumps: tuple[int, ...] = (),
+    estimated_payload: float | None = None,
+) -> Settings:
+    """Make the settings of plans from the present values of the parameters.
 
     Args:
         node: Planner node.
         machine: Machine of the machine file.
         goal_parameters: Parameters of one goal, which replace the node's values in the result. The
             node's parameters are not changed.
+        lost_servo_pumps: Numbers of failed servo pumps, from 1. Each failed pump reduces the number
+            of booster modules by one.
+        estimated_payload: Payload that the arm has estimated [kg]; None if there is no estimate.
+            The estimate replaces the parameter `payload` if `payload_from` is `estimate`.
 
     Returns:
-        The values in their typed form.
+        Settings with the options, the limits of the commit horizon and the planning budget. Their
+        machine is that of the file with payload, supply pressure, V_max and zones of the
+        parameters, and with the remaining booster modules, at least 0.
 
     Raises:
-        RequestError: Angles, region, via points or zones cannot be used.
+        MhsbError: Angles, region, via points, zones or other values cannot be used.
     """
-    return _convert_values(machine, _collect_values(node, goal_parameters))
+    values = _collect_values(node, goal_parameters)
+    return _make_settings(machine, values, lost_servo_pumps, estimated_payload)
 
 
 def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
@@ -449,11 +335,7 @@ def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> 
             f"'{values['planner']}'); set it to 0 or choose that planner"
         )
     try:
-        asked = _convert_values(machine, values)
-        for point in asked.goal_via:
-            _check_via(machine, point)
-        asked.apply_to_machine(machine)
-        _ = asked.options  # raises an error if planning refuses them
+        _make_settings(machine, values)
     except MhsbError as error:
         return str(error)
     return None
@@ -510,44 +392,62 @@ CHANGEABLE_PARAMETERS = (
 """Names of the parameters that can be changed between plans."""
 
 
-def _convert_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParameters:
-    """Convert the values of parameters to their typed form.
+def _make_settings(
+    base: Machine,
+    values: Mapping[str, Any],
+    lost_servo_pumps: tuple[int, ...] = (),
+    estimated_payload: float | None = None,
+) -> Settings:
+    """Make the settings of plans from the values of parameters.
 
     Args:
-        machine: Machine of the machine file. If it slews, points have three coordinates instead of
+        base: Machine of the machine file. If it slews, points have three coordinates instead of
             two.
         values: Values of all changeable parameters by name.
+        lost_servo_pumps: Numbers of failed servo pumps, from 1.
+        estimated_payload: Payload that the arm has estimated [kg]; None if there is no estimate.
 
     Returns:
-        The parameters with angles, region, via points and zones as objects.
+        The settings; `read_settings` describes them.
 
     Raises:
-        RequestError: Angles, region, via points or zones cannot be used.
+        MhsbError: Angles, region, via points, zones or other values cannot be used.
     """
-    first, second, third = values["weights"]
-    return PlannerParameters(
-        planner=values["planner"],
-        weights=(first, second, third),
+    is_estimated = values["payload_from"] == "estimate" and estimated_payload is not None
+    meaning = f"{' '.join(base.axes)} [m] of a point"
+    via = split_rows("goal_via", values["goal_via"], len(base.axes), meaning)
+    options = PlanOptions(
+        weights=Weights(*values["weights"]),
         energy_reading=values["energy_reading"],
-        payload=values["payload"],
-        payload_from=values["payload_from"],
-        supply_pressure=values["supply_pressure"],
-        v_max=values["v_max"],
-        lead_min=values["lead_min"],
-        lead_max=values["lead_max"],
-        planning_budget=values["planning_budget"],
         goal_psi=_combine_angles(*(values[name] for name in FREE_ANGLES)),
         goal_region=create_region(
             values["goal_tolerance"] or None,
             _convert_pair("goal_segment", values["goal_segment"]),
             _convert_pair("goal_box", values["goal_box"]),
         ),
-        goal_via=split_rows("goal_via", values["goal_via"], *_describe_point(machine)),
-        goal_via_tolerance=values["goal_via_tolerance"],
+        via=via,
+        via_tolerance=values["goal_via_tolerance"],
+        planner=values["planner"],
         area_weight=values["area_weight"],
         max_speed_excess=values["max_speed_excess"],
-        reached_tolerance=values["reached_tolerance"],
-        zones=make_zones(values, machine.slews),
+    )
+    for point in via:
+        _check_via(base, point)
+    machine = base.changed(
+        payload=estimated_payload if is_estimated else values["payload"],
+        supply_pressure=values["supply_pressure"],
+        max_piston_speed=values["v_max"],
+        zones=make_zones(values, base.slews),
+        module_count=max(base.arrays.module_count - len(lost_servo_pumps), 0),
+    )
+    return Settings(
+        machine,
+        options,
+        values["lead_min"],
+        values["lead_max"],
+        values["planning_budget"],
+        values["reached_tolerance"],
+        lost_servo_pumps,
     )
 
 
@@ -613,15 +513,3 @@ def _check_via(machine: Machine, point: Position) -> None:
         machine.check_in_workspace(point)
     except MhsbError as error:
         raise RequestError("goal_via", point, f"cannot be passed: {error}") from error
-
-
-def _describe_point(machine: Machine) -> tuple[int, str]:
-    """Return the number of coordinates of a point, and a text that names them in errors.
-
-    Args:
-        machine: Machine, which gives the axes.
-
-    Returns:
-        Number of coordinates, and a text such as "x z [m] of a point".
-    """
-    return len(machine.axes), f"{' '.join(machine.axes)} [m] of a point"

@@ -6,7 +6,7 @@ ignore its value, and the arm would move through the zone.
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -31,26 +31,15 @@ SPATIAL_TEXTS = {
 """Meaning of the numbers of a zone by kind, for arms that slew."""
 
 
-class ZoneParameter(NamedTuple):
-    """Meaning of a zone parameter.
-
-    Attributes:
-        field: Field of `Zones` that the parameter sets.
-        kind: Kind of zone: boxes, circles, cylinders or spheres.
-        holds_for: Part of the arm that must keep out of the zone: "the whole arm" or "the tip".
-    """
-
-    field: str
-    kind: str
-    holds_for: str
-
-
 ZONE_PARAMETERS = {
-    f"{tip}zone_{kind}": ZoneParameter(f"{tip}{kind}", kind, who)
-    for tip, who in (("", "the whole arm"), ("tip_", "the tip"))
+    f"{tip}zone_{kind}": f"{tip}{kind}"
+    for tip in ("", "tip_")
     for kind in dict.fromkeys([*IN_PLANE, *IN_SPACE])
 }
-"""Zone parameters by name, such as `zone_boxes` and `tip_zone_boxes`."""
+"""Field of `Zones` that each zone parameter sets, by the parameter's name.
+
+The names are `zone_` and the kind of zone for the whole arm, such as `zone_boxes`, and `tip_zone_`
+and the kind for the tip alone."""
 
 
 def declare_zones(node: Node, machine: Machine) -> None:
@@ -62,7 +51,11 @@ def declare_zones(node: Node, machine: Machine) -> None:
         node: Planner node.
         machine: Machine of the machine file.
     """
-    for name, (field, kind, who) in ZONE_PARAMETERS.items():
+    for name, field in ZONE_PARAMETERS.items():
+        kind, who = (
+            field.removeprefix("tip_"),
+            "the tip" if field.startswith("tip_") else "the whole arm",
+        )
         numbers = [value for zone in getattr(machine.zones, field) for value in zone]
         text = f"keep-out {kind} for {who}, one after the other: {_describe_numbers(kind)}"
         limits = -FARTHEST_POINT, FARTHEST_POINT
@@ -104,8 +97,8 @@ def make_zones(values: Mapping[str, Any], slews: bool) -> Zones:
     """
     return Zones(
         **{
-            each.field: _split_zones(name, values[name], slews)
-            for name, each in ZONE_PARAMETERS.items()
+            field: _split_zones(name, values[name], slews)
+            for name, field in ZONE_PARAMETERS.items()
         }
     )
 
@@ -142,7 +135,7 @@ def _split_zones(name: str, value: Any, slews: bool) -> tuple[Numbers, ...]:
         RequestError: The value is not an array of numbers, its length does not fit, or it has zones
             of a kind that this arm cannot have.
     """
-    kind, there = ZONE_PARAMETERS[name].kind, zone_numbers(slews)
+    kind, there = ZONE_PARAMETERS[name].removeprefix("tip_"), zone_numbers(slews)
     if kind in there:
         texts = SPATIAL_TEXTS if slews else PLANAR_TEXTS
         return split_rows(name, value, len(there[kind]), texts[kind])

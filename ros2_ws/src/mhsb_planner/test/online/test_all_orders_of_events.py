@@ -126,7 +126,7 @@ class Life(RuleBasedStateMachine):
             resting = world.arm.reference.position
             world.pass_time(5.0)
             np.testing.assert_array_equal(world.arm.reference.position, resting)
-        world.pass_time_until(lambda: world.life.is_idle, 60.0)
+        world.pass_time_until(lambda: world.is_idle, 60.0)
         world.check_that_each_goal_was_answered_once()
         goal = (0.5, 0.3)
         stamp = world.send_goal(*goal)

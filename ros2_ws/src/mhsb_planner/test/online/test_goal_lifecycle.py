@@ -48,7 +48,7 @@ def test_a_goal_is_planned_confirmed_and_reached(world):
     assert ending.attempts == 1
     assert ending.plan_stamp_ns == world.verdict(stamp).plan.plan_stamp_ns
     assert world.tip_is_at(*UP)
-    assert world.life.is_idle
+    assert world.is_idle
 
 
 def test_a_goal_in_motion_replaces_the_one_before_when_the_arm_has_confirmed(world):
@@ -181,7 +181,7 @@ def test_after_a_refused_plan_a_zone_across_the_way_stops_the_arm_all_the_same(w
         closest = min(closest, settings.machine.clearance(world.arm.reference.position)[0])
     assert closest > 0.0
     assert not world.tip_is_at(*UP)
-    world.pass_time_until(lambda: world.life.is_idle)
+    world.pass_time_until(lambda: world.is_idle)
     assert world.execution_report(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
     assert world.verdict(second).code in (Verdict.OK, Verdict.INFEASIBLE)
 
@@ -353,7 +353,7 @@ def test_a_stop_ends_goals_that_are_being_planned_for_or_sent(world, after):
     else:
         assert verdict.code is Verdict.STOPPED
         assert world.execution_reports(stamp) == []
-    assert world.life.is_idle
+    assert world.is_idle
 
 
 def test_a_stop_whose_command_gets_lost_is_sent_again_and_then_asked_of_the_arm(world):
@@ -418,7 +418,7 @@ def test_when_somebody_stops_the_arm_goals_that_had_come_are_void(world, moving,
     resting = world.arm.reference.position
     world.pass_time(5.0)
     np.testing.assert_array_equal(world.arm.reference.position, resting)
-    assert world.life.is_idle
+    assert world.is_idle
     [verdict] = world.verdicts(stamp)
     if verdict.code is Verdict.OK:
         assert world.execution_report(stamp).outcome is Outcome.STOPPED

@@ -36,7 +36,18 @@ class Case:
 
     @property
     def state(self):
-        return self.life.get_state(self.goal)
+        """The first state that applies; several may, since several plans may be made for a goal."""
+        state = self.life.state
+        if self.goal.has_ended:
+            return GoalState.ENDED
+        if state.executes(self.goal):
+            return GoalState.STOPPING if self.life.is_stopping else GoalState.EXECUTING
+        if state.request is not None and state.request.pending_goal is self.goal:
+            return GoalState.PLANNING
+        if state.waiting is self.goal:
+            return GoalState.WAITING
+        sent = state.unconfirmed
+        return GoalState.REVOKED if sent is None or sent.is_void else GoalState.UNCONFIRMED
 
     def add_goal(self, stamp, place):
         return self.life.add_goal(Goal.at(stamp, place))

@@ -126,7 +126,7 @@ def test_an_arm_stopped_while_a_goal_moves_stays_stopped(new_world, by_the_plann
     resting = world.arm.reference.position
     world.pass_time(3.0)
     np.testing.assert_array_equal(world.arm.reference.position, resting)
-    assert world.life.is_idle
+    assert world.is_idle
     world.check_that_each_goal_was_answered_once()
 
 

@@ -34,7 +34,7 @@ def test_a_cancel_in_motion_brakes_at_once(world):
     world.pass_time(3.0)
     assert [each.outcome for each in told if isinstance(each, ExecutionReport)] == ["stopped"]
     braking = world.sent[-1]
-    assert world.life.is_idle
+    assert world.is_idle
     assert braking.trajectory.end_ns < world.arm.clock_ns
     assert began < world.now
     world.check_that_nothing_sent_jumps()
@@ -48,7 +48,7 @@ def test_a_cancel_during_planning_sends_nothing(world):
     world.pass_time(2.0)
     assert [each.code for each in told] == [Verdict.STOPPED]
     assert not world.sent
-    assert world.life.is_idle
+    assert world.is_idle
 
 
 def test_a_cancelled_goal_leaves_the_newer_one_alone(world):
@@ -79,7 +79,7 @@ def test_settings_of_a_goals_own_hold_for_it_alone(world):
 
 def test_a_rehearsal_asks_for_what_a_goal_would_and_changes_nothing(world):
     request = world.life.planning.build_trial_request(Goal(1, *UP), keep_settings)
-    assert world.life.is_idle
+    assert world.is_idle
     assert not world.planned
     rehearsed = request.make_plan(world.replanner)
     verdict = world.verdict(world.send_goal(*UP))

@@ -113,7 +113,7 @@ def rests_clear(world, settings):
 
     def rests():
         closest.append(settings.machine.clearance(world.arm.reference.position)[0])
-        return world.life.is_idle and not world.arm.is_moving
+        return world.is_idle and not world.arm.is_moving
 
     world.pass_time_until(rests)
     return min(closest) > 0.0
@@ -184,7 +184,7 @@ def test_a_zone_set_while_a_plan_is_on_its_way_is_braked_for_when_that_is_answer
     assert world.warnings[-1].endswith("the arm brakes once it has answered the last plan")
     world.pass_time_until(lambda: len(world.warnings) > 1)
     assert "the arm stops" in world.warnings[1] or "it is in it already" in world.warnings[1]
-    world.pass_time_until(lambda: world.life.is_idle)
+    world.pass_time_until(lambda: world.is_idle)
     world.execution_report(first)
     world.verdict(second)
 
@@ -211,7 +211,7 @@ def test_a_zone_set_during_a_stop_that_was_asked_for_is_braked_for_and_keeps_the
     settings = across(world, 0.3)
     answers = []
     world.life.stop(lambda *answer: answers.append(answer))
-    assert zone_ahead.find_obstacle_ahead(settings.machine, planned, planned.stamp_ns)
+    assert zone_ahead.find_contact_ahead(settings.machine, planned.trajectory, planned.stamp_ns)
     world.life.change_settings(settings)
     assert rests_clear(world, settings)
     assert answers[0][0]
@@ -224,7 +224,7 @@ def test_an_arm_that_takes_no_braking_command_is_said_to_have_taken_none(digging
     under_way(world, *ASIDE, left=2.0)
     world.lost = 99
     world.life.change_settings(across(world, 1.0))
-    world.pass_time_until(lambda: world.life.is_idle)
+    world.pass_time_until(lambda: world.is_idle)
     assert "the arm took no command that brakes for the keep-out sphere" in world.warnings[-1]
 
 

@@ -106,7 +106,7 @@ def test_one_registration_makes_it_a_value_of_the_node_s_parameter(
     change = Parameter("planner", value="detour")
     assert planner_parameters.find_refusal(node, machine, [change]) is None
     node.set_parameters([change])
-    assert planner_parameters.read_parameters(node, machine).options.planner == "detour"
+    assert planner_parameters.read_settings(node, machine).options.planner == "detour"
     assert "scenic" in node.describe_parameter("planner").description
     weight = Parameter("area_weight", value=1.0)
     assert "needs planner 'integrated'" in planner_parameters.find_refusal(node, machine, [weight])

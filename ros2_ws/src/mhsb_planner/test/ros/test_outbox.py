@@ -72,7 +72,7 @@ def test_answers_come_in_the_order_of_the_requests(outbox):
         request.let_go.set()
     assert requests[-1].begun.wait(30.0)
     outbox.close()
-    assert outbox.take_answers() == [(request, "a plan") for request in requests]
+    assert list(outbox.take_answers()) == [(request, "a plan") for request in requests]
 
 
 def test_closing_drops_waiting_requests_without_a_word(outbox, caplog):
@@ -82,7 +82,7 @@ def test_closing_drops_waiting_requests_without_a_word(outbox, caplog):
     assert made.begun.wait(30.0)
     threading.Timer(0.2, made.let_go.set).start()
     outbox.close()
-    assert outbox.take_answers() == [(made, "a plan")]
+    assert list(outbox.take_answers()) == [(made, "a plan")]
     assert not waiting.begun.is_set()
     assert caplog.text == ""
 

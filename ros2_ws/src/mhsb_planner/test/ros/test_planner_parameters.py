@@ -32,9 +32,9 @@ def excavator():
 
 
 def test_left_alone_they_ask_for_the_machine_s_own_values(node, machine):
-    found = planner_parameters.read_parameters(node, machine)
-    assert (found.planner, found.options.planner) == ("integrated", "integrated")
-    assert found.apply_to_machine(machine).table_hash == machine.table_hash
+    found = planner_parameters.read_settings(node, machine)
+    assert node.get_parameter("planner").value == found.options.planner == "integrated"
+    assert found.machine.table_hash == machine.table_hash
 
 
 @pytest.mark.parametrize("kind", PLANNER_KINDS)
@@ -42,7 +42,7 @@ def test_the_planner_can_be_chosen(node, machine, kind):
     change = Parameter("planner", value=kind)
     assert planner_parameters.find_refusal(node, machine, [change]) is None
     node.set_parameters([change])
-    assert planner_parameters.read_parameters(node, machine).options.planner == kind
+    assert planner_parameters.read_settings(node, machine).options.planner == kind
 
 
 def test_a_planner_that_is_not_there_is_refused_with_those_that_are(node, machine):
@@ -62,7 +62,7 @@ def test_the_area_is_weighed_by_the_integrated_planner_alone(node, machine):
     together = [weight, Parameter("planner", value="integrated")]
     assert planner_parameters.find_refusal(node, machine, together) is None
     node.set_parameters(together)
-    assert planner_parameters.read_parameters(node, machine).options.area_weight == 300.0
+    assert planner_parameters.read_settings(node, machine).options.area_weight == 300.0
 
 
 def test_parameters_that_clash_from_the_start_are_refused(ros_context, machine):
@@ -75,22 +75,22 @@ def test_parameters_that_clash_from_the_start_are_refused(ros_context, machine):
 
 def set_zones(node, machine, **values):
     node.set_parameters_atomically([Parameter(name, value=value) for name, value in values.items()])
-    return planner_parameters.read_parameters(node, machine)
+    return planner_parameters.read_settings(node, machine)
 
 
 def test_zones_are_flat_arrays_of_numbers_and_replace_those_of_the_file(node, machine):
-    assert planner_parameters.read_parameters(node, machine).zones == machine.zones == Zones()
+    assert planner_parameters.read_settings(node, machine).machine.zones == machine.zones == Zones()
     found = set_zones(
         node,
         machine,
         zone_boxes=[0.9, 0.3, 0.7, 0.1, 0.0, 0.9, 0.2, 1.0],
         tip_zone_circles=[1, 0, 1],  # whole numbers will do
     )
-    assert found.zones == Zones(
-        boxes=((0.9, 0.3, 0.7, 0.1), (0.0, 0.9, 0.2, 1.0)), tip_circles=((1.0, 0.0, 1.0),)
+    assert found.machine.zones == Zones(
+        boxes=((0.7, 0.1, 0.9, 0.3), (0.0, 0.9, 0.2, 1.0)), tip_circles=((1.0, 0.0, 1.0),)
     )
-    assert len(found.apply_to_machine(machine).obstacles.names) == 3
-    assert set_zones(node, machine, zone_boxes=[], tip_zone_circles=[]).zones == Zones()
+    assert len(found.machine.obstacles.names) == 3
+    assert set_zones(node, machine, zone_boxes=[], tip_zone_circles=[]).machine.zones == Zones()
 
 
 def test_an_arm_that_slews_has_zones_in_space(ros_context, excavator):
@@ -98,7 +98,7 @@ def test_an_arm_that_slews_has_zones_in_space(ros_context, excavator):
     zones = Zones(boxes=((1.8, 0.6, -1.0, 2.2, 1.0, 0.5),), tip_spheres=((2.0, -1.0, 0.3, 0.2),))
     crowded = excavator.changed(zones=zones)
     planner_parameters.declare_changeable(node, crowded)
-    assert planner_parameters.read_parameters(node, crowded).zones == zones
+    assert planner_parameters.read_settings(node, crowded).machine.zones == zones
     found = set_zones(
         node,
         crowded,
@@ -106,11 +106,11 @@ def test_an_arm_that_slews_has_zones_in_space(ros_context, excavator):
         tip_zone_cylinders=[2.0, 1.0, 0.0, 1.0, 0.5],
         tip_zone_spheres=[],
     )
-    assert found.zones == Zones(
+    assert found.machine.zones == Zones(
         boxes=((1.8, -1.0, -1.0, 2.2, -0.6, 0.5), (1.8, 0.6, -1.0, 2.2, 1.0, 0.5)),
         tip_cylinders=((2.0, 1.0, 0.0, 1.0, 0.5),),
     )
-    assert len(found.apply_to_machine(crowded).obstacles.names) == 3
+    assert len(found.machine.obstacles.names) == 3
     node.destroy_node()
 
 
@@ -118,7 +118,7 @@ def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, 
     zones = Zones(boxes=((0.7, 0.1, 0.9, 0.3),), circles=((0.5, 0.8, 0.1),))
     node = Node("with_zones", context=ros_context)
     planner_parameters.declare_changeable(node, machine.changed(zones=zones))
-    assert planner_parameters.read_parameters(node, machine).zones == zones
+    assert planner_parameters.read_settings(node, machine).machine.zones == zones
     node.destroy_node()
 
 
@@ -216,49 +216,43 @@ def test_what_makes_no_sense_is_refused_with_its_sentence(node, machine, changes
 
 
 def test_the_lead_adapts_unless_a_budget_is_set(node, machine):
-    assert (
-        planner_parameters.read_parameters(node, machine).make_settings(machine).planning_budget
-        == 0.0
-    )
+    assert planner_parameters.read_settings(node, machine).planning_budget == 0.0
     node.set_parameters([Parameter("planning_budget", value=0.2)])
-    assert (
-        planner_parameters.read_parameters(node, machine).make_settings(machine).planning_budget
-        == 0.2
-    )
+    assert planner_parameters.read_settings(node, machine).planning_budget == 0.2
 
 
 def test_what_will_do_at_the_goal_can_be_set(node, machine):
-    found = planner_parameters.read_parameters(node, machine).options
+    found = planner_parameters.read_settings(node, machine).options
     assert (found.goal_psi, found.goal_region) == (None, None)
     node.set_parameters([Parameter("goal_tolerance", value=0.02)])
-    assert planner_parameters.read_parameters(node, machine).options.goal_region == Disc(0.02)
+    assert planner_parameters.read_settings(node, machine).options.goal_region == Disc(0.02)
     node.set_parameters([Parameter("goal_tolerance", value=0.0)])
     node.set_parameters([Parameter("goal_segment", value=[0.1, -0.05])])
-    assert planner_parameters.read_parameters(node, machine).options.goal_region == Segment(
+    assert planner_parameters.read_settings(node, machine).options.goal_region == Segment(
         0.1, -0.05
     )
     node.set_parameters([Parameter("goal_segment", value=[0.0, 0.0])])
     node.set_parameters([Parameter("goal_box", value=[0.1, 0.05])])
-    assert planner_parameters.read_parameters(node, machine).options.goal_region == BoxRegion(
+    assert planner_parameters.read_settings(node, machine).options.goal_region == BoxRegion(
         0.1, 0.05
     )
     node.set_parameters_atomically(
         [Parameter("goal_psi_min", value=-0.5), Parameter("goal_psi_max", value=0.25)]
     )
-    assert planner_parameters.read_parameters(node, machine).options.goal_psi == (-0.5, 0.25)
+    assert planner_parameters.read_settings(node, machine).options.goal_psi == (-0.5, 0.25)
 
 
 def test_points_on_the_way_are_a_flat_array_of_numbers(node, machine):
-    found = planner_parameters.read_parameters(node, machine).options
+    found = planner_parameters.read_settings(node, machine).options
     assert (found.via, found.via_tolerance) == ((), 0.01)
     points = Parameter("goal_via", value=[0.6, -0.05, 0.7, 0.2])
     near = Parameter("goal_via_tolerance", value=0.02)
     assert planner_parameters.find_refusal(node, machine, [points, near]) is None
     node.set_parameters_atomically([points, near])
-    found = planner_parameters.read_parameters(node, machine).options
+    found = planner_parameters.read_settings(node, machine).options
     assert (found.via, found.via_tolerance) == (((0.6, -0.05), (0.7, 0.2)), 0.02)
     node.set_parameters([Parameter("goal_via", Parameter.Type.DOUBLE_ARRAY, [])])
-    assert planner_parameters.read_parameters(node, machine).options.via == ()
+    assert planner_parameters.read_settings(node, machine).options.via == ()
 
 
 @pytest.mark.parametrize(
