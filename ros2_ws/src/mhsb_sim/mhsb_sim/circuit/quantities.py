@@ -1,7 +1,5 @@
 """Counters of energy and oil in the simulated circuit, and records of its elements."""
 
-from __future__ import annotations
-
 from mhsb_model.records import Record
 
 

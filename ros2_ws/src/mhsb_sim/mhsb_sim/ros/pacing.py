@@ -6,8 +6,6 @@ nothing that follows the reference sees a jump. A lag beyond `LARGEST_LAG_NS` is
 simulated time stays behind by the rest.
 """
 
-from dataclasses import dataclass
-
 LARGEST_LAG_NS = 2_000_000_000
 """Largest lag that is made up, in clock time [ns]."""
 
@@ -21,7 +19,6 @@ LAGS_NS, KEEPS_UP_NS = 100_000_000, 20_000_000
 """Lags [ns]: the simulation counts as lagging above the first, until it is below the second."""
 
 
-@dataclass
 class Pacer:
     """Maps the time of a steady clock to simulated time.
 
@@ -33,15 +30,23 @@ class Pacer:
         lags: Whether the lag is large enough for a warning.
     """
 
-    factor: float
-    clock_ns: int
-    sim_ns: int
-    lag_ns: int = 0
-    lags: bool = False
+    def __init__(self, factor: float) -> None:
+        """Begin at the reference instant 0, with the simulated time 0."""
+        self.factor = factor
+        self.restart(0, 0)
 
-    def __post_init__(self) -> None:
-        """Set the time of the last wake to the reference instant."""
-        self._woken_ns = self.clock_ns
+    def restart(self, clock_ns: int, sim_ns: int) -> None:
+        """Make the present the reference instant, so that the lag is 0 now.
+
+        Call it after a change of `factor` and after a reset of simulated time.
+
+        Args:
+            clock_ns: Present time of the steady clock [ns].
+            sim_ns: Simulated time at that instant [ns].
+        """
+        self.clock_ns, self.sim_ns = clock_ns, sim_ns
+        self.lag_ns, self.lags = 0, False
+        self._woken_ns = clock_ns
 
     def compute_due_ns(self, clock_ns: int, sim_ns: int) -> int:
         """Compute the simulated time that is to be reached now, and update `lag_ns` and `lags`.
@@ -70,16 +75,3 @@ class Pacer:
             ideal_ns -= round(given_up_ns * self.factor)
         self.lags = self.lag_ns > (KEEPS_UP_NS if self.lags else LAGS_NS)
         return min(ideal_ns, sim_ns + round(passed_ns * self.factor * CATCH_UP))
-
-    def restart(self, clock_ns: int, sim_ns: int) -> None:
-        """Make the present the reference instant, so that the lag is 0 now.
-
-        Call it after a change of `factor` and after a reset of simulated time.
-
-        Args:
-            clock_ns: Present time of the steady clock [ns].
-            sim_ns: Simulated time at that instant [ns].
-        """
-        self.clock_ns, self.sim_ns = clock_ns, sim_ns
-        self.lag_ns, self.lags = 0, False
-        self._woken_ns = clock_ns

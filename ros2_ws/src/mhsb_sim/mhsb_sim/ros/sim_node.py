@@ -5,11 +5,11 @@ decoded and passed on, and the results are published.
 """
 
 import gc
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -83,7 +83,7 @@ class SimNode(Node):
         self._arm = SupervisedArm(simulator, self._settings.limits)
         exercise_kernels()  # loads all kernels before the node serves
         self._publisher = ArmPublisher(self, self._arm, self._settings.publish_clock, self.faults)
-        self._pacer = Pacer(self._settings.real_time_factor, 0, 0)
+        self._pacer = Pacer(self._settings.real_time_factor)
         self._last_callback_end_ns = 0
         self._messages_first = False
         self._health = Health(self._arm, self._pacer, self._settings.publish_clock, self.faults)
@@ -104,10 +104,12 @@ class SimNode(Node):
         services are ~/stop, ~/reset and ~/clear_faults. The timers advance the simulation, look for
         duplicate publishers, and save the estimates.
         """
-        for topic, callback in (
-            (topics.JOINT_TRAJECTORY, self._on_trajectory),
-            (topics.MODE_COMMANDS, self._on_schedule),
+        arm, machine = self._arm, self._machine
+        for topic, decode, parts, add in (
+            (topics.JOINT_TRAJECTORY, trajectory.decode, machine.joint_names, arm.add_trajectory),
+            (topics.MODE_COMMANDS, mode_schedule.decode, machine.actuator_names, arm.add_schedule),
         ):
+            callback = partial(self._on_half, topic.name, decode, parts, add)
             self.create_subscription(topic.message, topic.name, callback, topic.qos, raw=True)
         for name, answer in (
             (names.STOP_SERVICE, self._on_stop),
@@ -185,42 +187,26 @@ class SimNode(Node):
 
     # --- Plans -----------------------------------------------------------------------------------
 
-    def _on_trajectory(self, raw: bytes) -> None:
-        """Receive the trajectory of a plan; if it cannot be decoded, refuse the plan.
+    def _on_half(
+        self,
+        topic: str,
+        decode: Callable[[bytes, Sequence[str]], Any],
+        parts: Sequence[str],
+        add: Callable[[Any, float], None],
+        raw: bytes,
+    ) -> None:
+        """Receive one of the two messages of a plan; if it cannot be decoded, refuse the plan.
 
         Args:
-            raw: Serialised message.
-        """
-        wall = time.monotonic()
-        with self._refuse_undecodable(raw, "joint_trajectory", wall):
-            received = trajectory.decode(raw, self._machine.joint_names)
-            self._arm.add_trajectory(received, wall)
-
-    def _on_schedule(self, raw: bytes) -> None:
-        """Receive the mode schedule of a plan; if it cannot be decoded, refuse the plan.
-
-        Args:
-            raw: Serialised message.
-        """
-        wall = time.monotonic()
-        with self._refuse_undecodable(raw, "mode_commands", wall):
-            received = mode_schedule.decode(raw, self._machine.actuator_names)
-            self._arm.add_schedule(received, wall)
-
-    @contextmanager
-    def _refuse_undecodable(self, raw: bytes, topic: str, wall: float) -> Iterator[None]:
-        """Refuse a plan if one of its two messages cannot be decoded (context manager).
-
-        If the block raises MessageError, the plan is refused and no error is raised. In any case,
-        reports on plans are published at the end.
-
-        Args:
-            raw: Serialised message. Only its stamp is read.
             topic: Name of the message's topic, for the report.
-            wall: Present time of the steady clock [s].
+            decode: Function that decodes the message.
+            parts: Names of the joints or actuators of the machine.
+            add: Method of the arm that takes the decoded half and the time of receipt [s].
+            raw: Serialised message.
         """
+        wall = time.monotonic()
         try:
-            yield
+            add(decode(raw, parts), wall)
         except MessageError as error:
             problem = f"its {topic} cannot be used: {error}"
             self._arm.add_unusable(point_arrays.read_stamp(raw), problem, wall)
@@ -392,14 +378,4 @@ def sim_node() -> int:
     return spin_node(SimNode)
 
 
-def main() -> int:
-    """Run the command `ros2 run mhsb_sim sim_node`.
-
-    Returns:
-        The exit code.
-    """
-    return command_line.run(sim_node, name="sim_node", node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(sim_node, node=True)

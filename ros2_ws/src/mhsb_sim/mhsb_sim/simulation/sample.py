@@ -1,9 +1,7 @@
 """A sample of the arm for supervision, and the interface of a symptom."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
@@ -36,7 +34,7 @@ class ArmSample:
     hold_reason: str
 
     @classmethod
-    def from_simulator(cls, simulator: Simulator) -> ArmSample:
+    def from_simulator(cls, simulator: Simulator) -> Self:
         """Take a sample of a simulator's present state.
 
         Joint state and actuator states are the true ones; only `sensed` has sensor errors.
@@ -97,4 +95,3 @@ class Symptom(Protocol):
         Returns:
             Present size of the symptom in its unit, and a clause that names the affected part.
         """
-        ...

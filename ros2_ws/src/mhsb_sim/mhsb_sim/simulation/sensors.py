@@ -9,8 +9,6 @@ resolution r. ⌊ ⌉ rounds to the nearest integer. A length sensor measures th
 its resolution r is an angle [rad], while o, d and w are lengths of the cylinder [m].
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -22,7 +22,7 @@ def build_health() -> tuple[Health, SimpleNamespace]:
         last_stop_ns=0,
     )
     faults = SimpleNamespace(get_recent_fault=lambda: "")
-    return Health(arm, Pacer(1.0, 0, 0), own_clock=True, faults=faults), arm
+    return Health(arm, Pacer(1.0), own_clock=True, faults=faults), arm
 
 
 def test_a_warning_that_comes_and_goes_many_times_a_second_is_logged_once() -> None:

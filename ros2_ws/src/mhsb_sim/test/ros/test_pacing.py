@@ -12,7 +12,9 @@ START_NS = 1_700_000_000 * SECOND_NS
 
 
 def pacer(factor: float = 1.0) -> Pacer:
-    return Pacer(factor, 5 * SECOND_NS, START_NS)
+    each = Pacer(factor)
+    each.restart(5 * SECOND_NS, START_NS)
+    return each
 
 
 def test_in_time_every_wake_brings_the_simulation_up_to_date() -> None:

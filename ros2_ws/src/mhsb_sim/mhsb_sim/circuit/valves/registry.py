@@ -5,8 +5,6 @@ A new kind is one module and three lines here: an import, its place in `VALVE_KI
 of that place.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
