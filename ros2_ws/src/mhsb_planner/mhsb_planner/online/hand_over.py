@@ -37,7 +37,7 @@ MAX_LATE_PLANS = 3
 """Number of plans that fail at the longest commit horizon before a goal is refused."""
 
 SENT_COMMAND_CAPACITY = 16
-"""Number of last sent commands that are kept, since the arm may still confirm any of them."""
+"""Largest number of sent commands that are kept, since the arm may still confirm any of them."""
 
 
 class HandOver:
@@ -218,7 +218,7 @@ class HandOver:
 
         The command becomes `own_command` of the arm state, even if `give_up` was called for it
         before. If the arm reports which plan it executes, the time since planning becomes a sample
-        of the estimated transport time.
+        of the estimated transport time. Commands that were sent earlier are then forgotten.
 
         Args:
             sent: The command.
@@ -229,6 +229,9 @@ class HandOver:
         state.arm_state.own_command = sent.command
         if state.arm_state.plan_in_force_ns is not None:
             self.horizon_estimator.add_transport_time(state.now - sent.planned_at)
+            # The arm takes newer stamps alone, and each plan holds some 300 kB.
+            while self._sent_commands[0] is not sent:
+                self._sent_commands.popleft()
 
     def is_overdue(self, sent: UnconfirmedPlan) -> bool:
         """Return whether the arm's answer to a sent command is overdue.

@@ -1,6 +1,8 @@
 """The life of goals, event by event: each is answered once, and nothing unconfirmed counts."""
 
+import gc
 import re
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -58,6 +60,17 @@ def test_a_goal_in_motion_replaces_the_one_before_when_the_arm_has_confirmed(wor
     assert world.execution_reports(first) == []
     assert world.execution_report(first).outcome is Outcome.REPLACED
     assert world.execution_report(second).outcome is Outcome.REACHED
+
+
+def test_a_sent_plan_is_freed_once_the_arm_follows_a_newer_one(world):
+    sent = []
+    for goal in (UP, DOWN):
+        world.send_goal(*goal)
+        world.pass_time_until(lambda: world.life.state.unconfirmed is not None)
+        sent.append(weakref.ref(world.life.state.unconfirmed))
+        world.pass_time_until(lambda: world.life.state.unconfirmed is None)
+    gc.collect()
+    assert [each() is None for each in sent] == [True, False]
 
 
 @pytest.mark.parametrize("pace", [0.3, 0.9])
