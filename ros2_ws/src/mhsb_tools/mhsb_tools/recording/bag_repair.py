@@ -256,8 +256,8 @@ def _complete_definitions(survey: Survey) -> Definitions:
 
     If messages refer to a channel whose record is lost, a channel with the topic
     /unknown/channel_ID is added. Its schema gets the highest id that no schema has and no channel
-    refers to. If a channel refers to a schema that is not there, a schema of the type UNKNOWN_TYPE
-    is added. It has no message definition.
+    refers to; if there is none, the channel has no schema. If a channel refers to a schema that is
+    not there, a schema of the type UNKNOWN_TYPE is added. It has no message definition.
 
     Args:
         survey: Findings in the file; not changed.
@@ -269,7 +269,7 @@ def _complete_definitions(survey: Survey) -> Definitions:
     found = survey.definitions
     schemas, channels = dict(found.schemas), dict(found.channels)
     used = {*schemas, *(channel.schema_id for channel in channels.values())}
-    free = next(number for number in range(2**16 - 1, 0, -1) if number not in used)
+    free = next((number for number in range(2**16 - 1, 0, -1) if number not in used), 0)
     for channel_id in survey.counts.keys() - channels.keys():
         topic, encoding = f"/unknown/channel_{channel_id}", bag_format.SERIALIZATION_FORMAT
         channels[channel_id] = Channel(channel_id, topic, encoding, {}, free)

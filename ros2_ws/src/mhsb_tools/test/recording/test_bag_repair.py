@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
 from mhsb_tools.recording import bag_format
@@ -60,6 +61,24 @@ def test_a_recording_that_lacks_its_metadata_alone_loses_nothing(whole):
     (whole / bag_format.METADATA_FILE).unlink()
     assert repair_recording(whole) == Repair(COUNT)
     assert times(whole) == list(range(COUNT))
+
+
+def test_a_torn_recording_in_which_every_schema_id_is_taken_keeps_its_messages(tmp_path):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    with bag_format.get_data_file_path(folder).open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        for _ in range(2**16 - 1):
+            schema = writer.register_schema(TOPIC.type_name, "ros2msg", b"")
+        channel = writer.register_channel(TOPIC.name, "cdr", schema)
+        for number in range(10):
+            writer.add_message(channel, number, bytes(40), number)
+        writer.finish()
+    path = bag_format.get_data_file_path(folder)
+    path.write_bytes(path.read_bytes()[:-100])
+    assert repair_recording(folder).kept == 10
+    assert times(folder) == list(range(10))
 
 
 def test_a_tear_in_noise_is_a_tear(whole):
