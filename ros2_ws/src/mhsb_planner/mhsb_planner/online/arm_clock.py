@@ -114,6 +114,11 @@ class ArmClockEstimator:
         last, last_ns = self._last
         return (stamp_ns - last_ns) / SECOND_NS > self.speed * (steady_time - last) + MIN_CLOCK_JUMP
 
+    @property
+    def last_stamp_ns(self) -> int | None:
+        """Last stamp by the arm's clock [ns]; None if there was none."""
+        return None if self._last is None else self._last[1]
+
     def time_since_last_stamp(self, steady_time: float) -> float:
         """Return the time since the last stamp was received [s]; infinite if there was none.
 

@@ -402,10 +402,12 @@ class GoalPlanning:
         2. The reason is in `FINAL_REFUSALS`: the goal ends.
         3. A newer goal waits: the goal ends as superseded, unless the arm executes an earlier plan
            for it.
-        4. The plan starts from rest, the arm is still at the plan's start, and no event has made
-           the plan void: the plan gets a new stamp and is sent again.
+        4. The plan starts from rest, the arm is still at the plan's start, no event has made the
+           plan void, and the arm did not refuse its stamp: the plan gets a new stamp and is sent
+           again.
         5. Otherwise a new plan for the goal is made, with a longer commit horizon (time until the
-           plan takes over).
+           plan takes over). After a refused stamp, the goal waits until the arm's time has come to
+           that stamp, since the stamps of commands increase.
 
         Cases 4 and 5 count as a late plan; after too many of them the goal ends.
 
@@ -423,8 +425,9 @@ class GoalPlanning:
         elif self._state.waiting is not None:
             self._state.put_back(pending_goal)
         else:
-            is_elsewhere = reason in (HandOverReason.JUMP, HandOverReason.RESET)
-            anew = replan.starts_from_rest and self._is_valid(request) and not is_elsewhere
+            needs_new_plan = (HandOverReason.JUMP, HandOverReason.RESET, HandOverReason.STAMP)
+            is_usable = reason not in needs_new_plan and self._is_valid(request)
+            anew = replan.starts_from_rest and is_usable
             self._plan_late_goal_again(
                 request, Verdict.DEADLINE, sentence, replan if anew else None
             )

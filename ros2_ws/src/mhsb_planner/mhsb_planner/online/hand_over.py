@@ -236,23 +236,25 @@ class HandOver:
     def is_overdue(self, sent: UnconfirmedPlan) -> bool:
         """Return whether the arm's answer to a sent command is overdue.
 
-        The command's change is the time at which it deviates from the previous command. If the arm
-        has been silent since the change, its confirmation may only be late.
+        The command's change is the time at which it deviates from the previous command. The arm's
+        last stamp is not extrapolated, since the arm may have become slow or silent.
 
         Args:
             sent: The command.
 
         Returns:
             True if the command was sent more than `LONGEST_WAIT` ago in real time. Also True if it
-            was sent more than `CONFIRMATION_TIMEOUT` ago, and the arm has sent a state more than
+            was sent more than `CONFIRMATION_TIMEOUT` ago, and the arm's last stamp is more than
             `CONFIRMATION_TIMEOUT` after the change.
         """
-        now, estimator = self._state.now, self._state.arm_state.clock_estimator
-        waited = now - sent.sent_at
-        silence = estimator.convert_duration(estimator.time_since_last_stamp(now))
-        grace = estimator.convert_duration(CONFIRMATION_TIMEOUT)
-        late = (self._state.now_ns - sent.change_ns) / SECOND_NS - silence
-        return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
+        arm_state = self._state.arm_state
+        last_ns = arm_state.clock_estimator.last_stamp_ns
+        waited = self._state.now - sent.sent_at
+        if last_ns is None or waited <= CONFIRMATION_TIMEOUT:
+            return waited > LONGEST_WAIT
+        grace = arm_state.clock_estimator.convert_duration(CONFIRMATION_TIMEOUT)
+        late = (last_ns - arm_state.plan_delay_ns - sent.change_ns) / SECOND_NS
+        return waited > LONGEST_WAIT or late > grace
 
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
         """Store that the arm has refused or dropped the last command.

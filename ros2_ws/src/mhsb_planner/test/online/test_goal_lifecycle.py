@@ -147,6 +147,25 @@ def test_from_rest_a_lost_plan_is_only_stamped_anew(world):
     assert again.stamp_ns > first.stamp_ns
 
 
+def test_after_a_plan_stamped_too_far_ahead_of_a_slow_arm_its_goal_waits_for_that_stamp(
+    new_world,
+):
+    world = new_world(lead_max=0.2)
+    world.life.hand_over.horizon_estimator.add_first_motion(1.0)
+    world.pass_time(3.0)
+    world.arm.clock_rate = 0.02
+    world.pass_time(0.95)
+    stamp = world.send_goal(*UP)
+    world.pass_time(0.3)
+    world.arm.clock_rate = 1.0
+    ending = world.execution_report(stamp)
+    assert ending.outcome is Outcome.REACHED, ending
+    assert ending.attempts == 2
+    first, again = (command.stamp_ns for command in world.sent)
+    assert first < again
+    assert len(world.planned) == 2
+
+
 def test_only_a_plan_from_rest_may_begin_later_and_not_before_the_motion_that_it_continues(world):
     def rehearse():
         request = world.life.planning.build_trial_request(Goal(1, *DOWN), keep_settings)
