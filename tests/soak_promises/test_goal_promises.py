@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.soak import goal_promises
 from tests.soak.events import PLANNER, SIM, ActionKind
 
-from mhsb_model.verdict import Verdict
+from mhsb_model.goal import Goal
+from mhsb_model.obstacles.zones import Zones
+from mhsb_model.verdict import GoalVerdict, Verdict
+
+FENCE = Zones(
+    tip_circles=tuple(
+        (0.458 + 0.06 * math.cos(angle), -0.316 + 0.06 * math.sin(angle), 0.035)
+        for angle in np.arange(8) * math.pi / 4
+    )
+)
+"""A closed ring of tip zones around the tip in the posture FOLDED [m]."""
 
 
 def test_a_goal_without_a_verdict_or_with_two_is_told(events, spoilt):
@@ -65,6 +77,31 @@ def test_a_goal_lost_without_a_disturbance_is_told_with_its_reason(spoilt, make)
     assert "sent at 10.40 s: it was accepted, but no plan" in kept.violations[0]
     disturbed = (*goal_alone, make.deed(ActionKind.RESET, SIM, 10.6, 10.7))
     assert goal_promises.check_no_goal_lost(spoilt(recording=never, actions=disturbed)).is_kept
+
+
+@pytest.mark.parametrize(
+    ("deeds", "lost"),
+    [
+        ([("ZONES", 5.0, FENCE)], False),
+        ([("ZONES", 5.0, FENCE), ("ZONES", 6.0, Zones())], True),
+        ([("ZONES", 5.0, FENCE), ("START", 6.0, None)], True),
+    ],
+)
+def test_a_goal_not_found_in_time_is_lost_only_if_a_path_leads_to_it(
+    events, spoilt, make, deeds, lost
+):
+    place = Goal(1, 0.5, 0.1)
+    never = {
+        "goals": (make.heard(10.4, place),),
+        "plans_in_force": (make.heard(0.0, 0),),
+        "reports": (make.heard(11.0, GoalVerdict(Verdict.NOT_FOUND, "not in time", place)),),
+    }
+    actions = (
+        *(make.deed(ActionKind[kind], PLANNER, at, at, value) for kind, at, value in deeds),
+        make.deed(ActionKind.GOAL, PLANNER, 10.4, 10.4, 1),
+    )
+    judged = goal_promises.check_no_goal_lost(spoilt(recording=never, actions=actions))
+    assert judged.tested == len(judged.violations) == lost
 
 
 def test_a_goal_is_disturbed_until_it_ends_whatever_goals_are_sent_meanwhile(spoilt, make):
