@@ -6,6 +6,7 @@ import time
 import pytest
 
 from mhsb_model.verdict import Outcome, Verdict
+from mhsb_msgs_py import topics
 
 UP, DOWN = (0.55, 0.60), (0.55, -0.60)
 
@@ -85,6 +86,19 @@ def test_a_node_that_was_frozen_goes_on(observer, pair, frozen):
     assert verdict.code is Verdict.OK, verdict.sentence
     observer.until_in_force(verdict)
     assert observer.hand_overs[-1].position_jump <= 1e-6
+
+
+def test_the_path_of_a_plan_is_shown_when_the_arm_follows_it(observer, pair):
+    paths, shown = [], topics.PLANNED_PATH
+    observer.create_subscription(shown.message, shown.name, paths.append, shown.qos)
+    pair["simulator"].process.send_signal(signal.SIGSTOP)
+    verdict = observer.request_verdict(*UP)
+    observer.serve(0.5)
+    pair["simulator"].process.send_signal(signal.SIGCONT)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    assert not paths
+    observer.until(lambda: bool(paths))
+    observer.until_in_force(verdict)
 
 
 def test_simulated_time_can_run_faster_and_planning_follows_it(

@@ -511,11 +511,13 @@ class PlannerNode(Node):
     def _publish_feedback_and_views(self) -> None:
         """Publish feedback for action clients, and path and markers for viewers.
 
-        The caller catches exceptions of this method, so that they do not affect the motion.
+        Path and markers take milliseconds, so they wait while a plan is unconfirmed. The caller
+        catches exceptions of this method, so that they do not affect the motion.
         """
         if self._move_tip is not None:
             self._move_tip.tick()
-        self._outbox.publish_views(self._settings.machine)
+        if self._lifecycle.state.unconfirmed is None:
+            self._outbox.publish_views(self._settings.machine)
 
     async def _on_stop(
         self, request: Trigger.Request, response: Trigger.Response

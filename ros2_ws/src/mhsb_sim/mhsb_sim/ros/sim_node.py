@@ -128,14 +128,16 @@ class SimNode(Node):
         """Advance the simulation up to the present, and publish states and reports.
 
         A timer calls this method. One call takes about LONGEST_TICK_NS at most. If the previous
-        call ended more than LATE_WAKE_NS ago, this call does nothing, so that waiting messages are
-        received first. The next call then advances. The very first call resets the arm, so that
-        simulated time begins at that instant.
+        call ended more than LATE_WAKE_NS ago, or if only one message of a plan has come, this call
+        does nothing, so that waiting messages are received first. The next call then advances. The
+        very first call resets the arm, so that simulated time begins at that instant.
         """
         now_ns = time.monotonic_ns()
         if not self._last_callback_end_ns:
             self._restart_arm()  # simulated time starts when the node is first served
-        elif now_ns - self._last_callback_end_ns > LATE_WAKE_NS and not self._messages_first:
+        elif not self._messages_first and (
+            now_ns - self._last_callback_end_ns > LATE_WAKE_NS or self._arm.awaits_message
+        ):
             self._messages_first = True
             return
         self._messages_first = False

@@ -168,6 +168,11 @@ class PlanReceiver:
         self._void_until_ns = self._target.plan_time_ns
         self._void_because = HandOverReason.RESET
 
+    @property
+    def awaits_message(self) -> bool:
+        """True if only one of the two messages of the waiting plan has come."""
+        return self._pending is not None and self.due_ns == NEVER_NS
+
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
         """Receive the trajectory of a plan, and store it until `update` hands the plan over.
 

@@ -144,6 +144,11 @@ class SupervisedArm:
 
     # --- Plans -----------------------------------------------------------------------------------
 
+    @property
+    def awaits_message(self) -> bool:
+        """True if only one of the two messages of a plan has come."""
+        return self._receiver.awaits_message
+
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> None:
         """Receive the trajectory of a plan, and hand the plan over if it is complete and due.
 

@@ -165,6 +165,18 @@ def test_a_plan_older_than_what_is_remembered_came_too_late(
     assert report.reason is HandOverReason.LATE
 
 
+def test_a_message_is_awaited_while_only_one_of_a_plan_has_come(receiver: PlanReceiver) -> None:
+    assert not receiver.awaits_message
+    receiver.add_schedule(schedule(), 0.0)
+    assert receiver.awaits_message
+    receiver.add_trajectory(trajectory(), 0.0)
+    assert not receiver.awaits_message
+    receiver.update(0.0)
+    receiver.add_trajectory(trajectory(NOW + 1), 0.0)
+    receiver.update(0.6)
+    assert not receiver.awaits_message
+
+
 def test_half_a_pair_is_dropped_after_half_a_second(receiver: PlanReceiver) -> None:
     receiver.add_trajectory(trajectory(), 5.0)
     assert receiver.update(5.5) == []
