@@ -179,7 +179,8 @@ class InverseCurve:
         bent = straight ** (1.0 / settings.max_exponent)
         half = 0.5 * (bent - straight)
         self.commands: FloatArray = straight + half
-        self._min_steps = settings.min_slope_ratio * np.diff(straight)
+        steps = settings.min_slope_ratio * np.diff(straight)
+        self._least = np.concatenate([[0.0], np.cumsum(steps)])
         if declared is not None:
             self.commands, half = declared, np.zeros(len(declared))
             self._keep_increasing()
@@ -281,10 +282,11 @@ class InverseCurve:
         passed = self.command_at(speed + noise) - self.command_at(max(speed - noise, 0.0))
         share = self._shares(speed)
         deviations = self._settings.command_deviation * self._unit, spread, 0.5 * passed
+        variance = sum(deviation * deviation for deviation in deviations)
         kept = int(np.argmax(share)) if lowers_slower_knots else 0
-        gain = self._correct(share, command, float(np.sum(np.square(deviations))) / weight, kept)
+        gain = self._correct(share, command, variance / weight, kept)
         self.covariance -= np.outer(gain, self.covariance @ share)
-        known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
+        known = self.covariance.diagonal() < 0.25 * self._prior.diagonal()
         self.known_speed = max(self.known_speed, float(self.speeds[known].max(initial=0.0)))
 
     def _correct(
@@ -365,11 +367,10 @@ class InverseCurve:
             kept: Index of the knot that keeps its command. It is raised only if it is too low for
                 the slopes between the slower knots.
         """
-        offset = np.concatenate([[0.0], np.cumsum(self._min_steps)])
-        above = self.commands - offset
+        above = self.commands - self._least
         above[kept:] = np.maximum.accumulate(above[kept:])
         above[: kept + 1] = np.minimum.accumulate(above[kept::-1])[::-1]
-        self.commands = np.maximum(above, 0.0) + offset
+        self.commands = np.maximum(above, 0.0) + self._least
 
 
 class DelayEstimate:
@@ -416,13 +417,13 @@ class DelayEstimate:
         self._moved = keep * self._moved + time * moved**2
         self._products = keep * self._products + time * expected * moved
         self._squares = keep * self._squares + time * expected**2
-        if self._moved < self._least or not np.all(self._squares > 0.0):
+        if self._moved < self._least or not (self._squares > 0.0).all():
             return
         residual = self._moved - np.maximum(self._products, 0.0) ** 2 / self._squares
-        k = int(np.clip(np.argmin(residual), 1, len(residual) - 2))
+        k = min(max(int(residual.argmin()), 1), len(residual) - 2)
         before, at, after = residual[k - 1 : k + 2]
         bend = before - 2.0 * at + after
         shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
         spacing = self.candidates[1]
-        self.delay = float(self.candidates[k] + spacing * np.clip(shift, -1.0, 1.0))
+        self.delay = float(self.candidates[k] + spacing * min(max(shift, -1.0), 1.0))
         self.is_known = True

@@ -370,11 +370,11 @@ class LagCompensatedAxis:
         low, high = float(steady.min()), float(steady.max())
         forwards = math.copysign(speed, speed * newest)
         uniform = abs(speed) * time * math.sqrt((self._window + 2) / (12.0 * self._window))
-        is_driven = float(self._lengths.std()) < s.max_spread_ratio * uniform
         is_beyond = resolves_slow and min(abs(low), abs(high)) > curve.commands[0]
         least = self._slowest if is_beyond else s.response.speed_deviation * self._max_speed
         stands = is_beyond and forwards < least and abs(newest) < s.response.max_dead_band
-        if low * high > 0.0 and (stands or (is_driven and forwards > least)):
+        is_driven = forwards > least and self._lengths.std() < s.max_spread_ratio * uniform
+        if low * high > 0.0 and (stands or is_driven):
             command = float(np.abs(steady[-self._window :]).mean())
             spread = s.spread_share * (high - low)
             curve.learn(max(forwards, 0.0), command, 1.0 / self._window, spread, resolves_slow)

@@ -131,7 +131,7 @@ def proportional(valve: Valve, speed: float) -> Law:
     def law(length: float, time: float) -> float:
         reference, planned = to_and_fro(time, speed)
         demanded = planned + 1.5 * (reference - length)
-        return float(np.clip(demanded / FULL_SPEEDS[int(demanded < 0.0)], -1.0, 1.0))
+        return min(max(demanded / FULL_SPEEDS[int(demanded < 0.0)], -1.0), 1.0)
 
     return law
 
