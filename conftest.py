@@ -30,6 +30,7 @@ from tests.support.motions import inverse_dynamics
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.files.machine_files import MACHINE_FILE
 from mhsb_model.hydraulics import needs_boost
+from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, count_modules
@@ -420,7 +421,7 @@ def _quintic(
             (start.position, start.velocity, start.acceleration),
             (goal, zero, zero),
         )
-        pistons = np.array([machine.moment_arms(a) * b for a, b in zip(q, qd, strict=True)])
+        pistons = _moment_arms(machine, q) * qd
         inlets = np.where(pistons > 0.0, m.cap_area, m.rod_area)
         inside = np.all((q >= m.joint_min - 1e-9) & (q <= m.joint_max + 1e-9))
         drawn = (np.abs(pistons) * inlets).sum(axis=1)
@@ -431,6 +432,12 @@ def _quintic(
     qd[-1] = 0.0
     offsets = np.round(np.linspace(0.0, duration, points) * SECOND_NS).astype(np.int64)
     return Trajectory(stamp_ns, offsets, q, qd, qdd)
+
+
+def _moment_arms(machine: Machine, q: FloatArray) -> FloatArray:
+    """Moment arms of all joints in several postures, float64[postures, n]."""
+    joints = zip(machine.arrays.linkage, np.ascontiguousarray(q.T), strict=True)
+    return np.array([evaluate_linkage_at_angles(*joint)[:, 1] for joint in joints]).T
 
 
 def _schedule(machine: Machine, trajectory: Trajectory) -> ModeSchedule:

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.files.config_files import find_config_file
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import load_machine
 from mhsb_planner.integrated.cylinder_path import (
-    begin_path,
     compute_costs_to_go,
-    continue_path,
     cost_model,
     new_path_cost_buffers,
     price_path,
@@ -78,9 +77,11 @@ def test_what_is_behind_a_corner_and_what_is_ahead_add_up_to_the_whole(
         start, via, _, cost = random_route(machine, t, posture_within, seed)
         ahead = compute_costs_to_go(t, w, via, start)
         for i in range(1, len(via)):
-            begin_path(t, w, via[0], start)
-            continue_path(t, w, via[: i + 1], np.inf, False)
-            assert np.min(w.value[0, :-1] + ahead[i]) == pytest.approx(cost, rel=1e-12)
+            price_path(t, w, via[: i + 1], start, np.inf)
+            hold = choose_holding_modes(machine, w.points.force[0])
+            to_hold = t.weight[2] * np.count_nonzero(machine.patterns != hold, axis=1)
+            behind = w.value[0, :-1] - to_hold
+            assert np.min(behind + ahead[i]) == pytest.approx(cost, rel=1e-12)
 
 
 def test_a_route_that_is_not_possible_stays_as_it_is(machine, terms_of, posture_within):

@@ -301,7 +301,7 @@ def test_the_dwell_is_kept_if_any_sequence_of_modes_keeps_it(
     force, preferred = np.full((7, 3), LIGHT), np.full((7, 3), N)
     force[heavy, 0], preferred[shares, 0] = HEAVY, SB
     motion = MotionProfile(np.full((7, 3), 0.006), force, np.zeros((7, 2)), 0 * force, 0 * force)
-    start, hold = StartModes([before, N, N], [age, 9.0, 9.0]), np.array([after, N, N])
+    start, hold = StartModes([before, N, N], [age, 9.0, 9.0]), np.array([after, N, N], np.uint8)
     found = compute_interval_modes(machine, time, motion, start, hold, preferred)
     stays = time[:-1] < 0.3 - age - 1e-9
     needs = np.logical_or(heavy[:-1], heavy[1:]) & ~stays
