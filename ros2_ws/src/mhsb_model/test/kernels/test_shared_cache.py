@@ -5,10 +5,10 @@ import resource
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
+from tests.support.forked_programs import run_forked
 
 from mhsb_model.kernels.cache_folder import LOGGED_VARIABLE
 
@@ -46,32 +46,6 @@ CALL = "import kernels; print(kernels.sum_of_both(2.0), sorted(kernels.compiled)
 ALL = "20.0 ['square', 'sum_of_both', 'twice']\n"
 NOTHING = "20.0 []\n"
 
-FORKS = """
-import multiprocessing, os, sys
-
-import numba
-
-from mhsb_model.kernels import compiled
-
-numba.njit(lambda: 0)()  # forks have numba's compiler, but no kernel
-
-def run(number, program):
-    for stream, name in ((1, "output"), (2, "errors")):
-        os.dup2(os.open(f"{name}{number}", os.O_WRONLY | os.O_CREAT), stream)
-    exec(program, {})
-
-context = multiprocessing.get_context("fork")
-together, *programs = sys.argv[1:]
-children = [context.Process(target=run, args=each) for each in enumerate(programs)]
-for child in children:
-    child.start()
-    if together == "False":
-        child.join()
-for child in children:
-    child.join()
-"""
-
-
 VERSIONS = """
 import numpy as np
 
@@ -98,18 +72,19 @@ print(four_times(3.0))
 """
 
 
+def make_environment(source: Path, cache: Path) -> dict[str, str]:
+    """The environment in which a process finds the module and its cache."""
+    path = f"{source}{os.pathsep}{os.environ['PYTHONPATH']}"
+    return {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": path}
+
+
 def started(
-    source: Path, cache: Path, program: str = CALL, *words: str, **options: object
+    source: Path, cache: Path, program: str = CALL, **options: object
 ) -> subprocess.Popen[str]:
     """A process that calls a kernel and tells what it compiled."""
-    environment = {
-        **os.environ,
-        "NUMBA_CACHE_DIR": str(cache),
-        "PYTHONPATH": f"{source}{os.pathsep}{os.environ['PYTHONPATH']}",
-    }
     return subprocess.Popen(
-        [sys.executable, "-c", program, *words],
-        env=environment,
+        [sys.executable, "-c", program],
+        env=make_environment(source, cache),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -117,20 +92,17 @@ def started(
     )
 
 
-def run_forks(
-    source: Path, cache: Path, *programs: str, together: bool = False
-) -> list[tuple[str, str]]:
-    """What processes print, both streams, that run one after the other or at the same time.
+@pytest.fixture
+def run_forks(source, tmp_path):
+    """Function (programs..., together=False) that runs processes whose cache is this test's own."""
 
-    They are forks of one process, which has imported numba: that takes longer than what they do.
-    """
-    folder = Path(tempfile.mkdtemp(dir=cache.parent))
-    forked = started(source, cache, FORKS, str(together), *programs, cwd=folder)
-    assert forked.communicate() == ("", "")
-    return [
-        ((folder / f"output{k}").read_text(), (folder / f"errors{k}").read_text())
-        for k in range(len(programs))
-    ]
+    def run(*programs, together=False):
+        environment = make_environment(source, tmp_path / "cache")
+        return run_forked(
+            [[each] for each in programs], tmp_path, together=together, environment=environment
+        )
+
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -172,28 +144,26 @@ def test_a_kernel_that_was_found_can_be_linked_into_a_new_one(source, kept, tmp_
     assert started(source, cache, LINK).communicate() == ("20.0\n36.0\n", "")
 
 
-def test_processes_that_need_a_kernel_at_once_compile_it_once(source, tmp_path):
-    printed = run_forks(source, tmp_path / "cache", *4 * [CALL], together=True)
+def test_processes_that_need_a_kernel_at_once_compile_it_once(run_forks):
+    printed = run_forks(*4 * [CALL], together=True)
     assert all(errors == "" for _, errors in printed)
     compiled = [name for output, _ in printed for name in output.split(" ", 1)[1].split("'")[1::2]]
     assert sorted(compiled) == ["square", "sum_of_both", "twice"]
 
 
-def test_processes_that_need_several_versions_of_a_kernel_at_once_compile_each_once(
-    source, tmp_path
-):
+def test_processes_that_need_several_versions_of_a_kernel_at_once_compile_each_once(run_forks):
     programs = [VERSIONS.format(first=first) for first in (0, 2, 4, 6)]
-    printed = run_forks(source, tmp_path / "cache", *programs, together=True)
+    printed = run_forks(*programs, together=True)
     assert all(errors == "" for _, errors in printed)
     assert sum(int(output) for output, _ in printed) == 8
-    assert run_forks(source, tmp_path / "cache", *programs) == 4 * [("0\n", "")]
+    assert run_forks(*programs) == 4 * [("0\n", "")]
 
 
 @pytest.mark.parametrize(
     ("ending", "damage"),
     [(".nbc", "cut"), (".nbc", "changed"), (".nbi", "changed"), (".nbi", "empty")],
 )
-def test_what_is_damaged_is_told_and_compiled_anew(source, kept, tmp_path, ending, damage):
+def test_what_is_damaged_is_told_and_compiled_anew(run_forks, kept, tmp_path, ending, damage):
     shutil.copytree(kept, tmp_path / "cache")
     for file in files(tmp_path, ending):
         content = bytearray(file.read_bytes())
@@ -201,7 +171,7 @@ def test_what_is_damaged_is_told_and_compiled_anew(source, kept, tmp_path, endin
             for at in range(0, len(content), 97):
                 content[at] ^= 0x55
         file.write_bytes({"cut": content[: len(content) // 2], "empty": b""}.get(damage, content))
-    (output, errors), again = run_forks(source, tmp_path / "cache", CALL, CALL)
+    (output, errors), again = run_forks(CALL, CALL)
     assert output.startswith("20.0 ['")
     assert "is damaged" in errors
     assert "Traceback" not in errors
