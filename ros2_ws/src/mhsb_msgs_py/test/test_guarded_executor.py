@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
+import time
 import warnings
 
 import pytest
@@ -218,6 +220,25 @@ def test_a_task_of_the_node_that_fails_is_recorded(frail):
     frail.until(lambda: frail.node.faults.count == 1)
     frail.say(6)
     assert frail.node.taken == [6]
+
+
+def test_entities_are_gathered_once_for_a_callback(frail, monkeypatch):
+    gathered, called = [], []
+    get_nodes = frail.executor.get_nodes  # called each time that entities are gathered
+    monkeypatch.setattr(frail.executor, "get_nodes", lambda: gathered.append(1) or get_nodes())
+    steady = NodeClock(clock_type=ClockType.STEADY_TIME)
+    frail.node.create_timer(0.01, lambda: called.append(1), clock=steady)
+    frail.until(lambda: len(called) == 40)
+    assert len(gathered) < 1.5 * len(called)
+
+
+def test_a_task_of_another_thread_wakes_the_executor(frail):
+    spin_until(frail.executor, lambda: False, 0.2)  # what comes with the node's start is served
+    threading.Timer(0.3, frail.executor.create_task, [frail.node.taken.append, [3]]).start()
+    begin = time.monotonic()
+    while not frail.node.taken:
+        frail.executor.spin_once(20.0)
+    assert time.monotonic() - begin < 10.0
 
 
 @pytest.mark.parametrize("kind", [SetParameters, SetParametersAtomically])
