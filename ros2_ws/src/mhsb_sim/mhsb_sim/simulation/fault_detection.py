@@ -5,8 +5,8 @@ it warns and the value at which the arm is stopped. A new symptom is a class and
 `SYMPTOM_KINDS`, with its pair of limits.
 """
 
-from collections import deque
 from dataclasses import dataclass
+from functools import reduce
 from typing import Self
 
 import numpy as np
@@ -25,6 +25,9 @@ from mhsb_sim.simulation.fault_isolation import (
     SilentSensor,
 )
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding, Symptom
+
+ROUNDING_TOLERANCE = 1e-5
+"""Difference from 1 up to which a command is saturated [-]."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +103,10 @@ class FollowingError(Symptom):
         off = np.abs(sample.reference.position - sample.measured.position)
         size = off / self._radians
         j = int(np.argmax(size))
-        text = f"{self._names[j]} is {off[j]:.3f} {self._units[j]} off its reference"
-        return Finding(float(size[j]), text)
+        return Finding(
+            float(size[j]),
+            lambda: f"{self._names[j]} is {off[j]:.3f} {self._units[j]} off its reference",
+        )
 
 
 class Overpressure(Symptom):
@@ -144,8 +149,10 @@ class Overpressure(Symptom):
         k = int(np.argmax(share))
         return Finding(
             float(share[k]),
-            f"{self._names[k]} is at {share[k] * self._settings[k] / 1e6:.1f} MPa, "
-            f"{share[k]:.2f} of its relief valve's setting",
+            lambda: (
+                f"{self._names[k]} is at {share[k] * self._settings[k] / 1e6:.1f} MPa, "
+                f"{share[k]:.2f} of its relief valve's setting"
+            ),
         )
 
 
@@ -187,7 +194,9 @@ class SupplyLoss(Symptom):
         where = f"the line of {self._names[j]} lacks"
         if np.min(lacking) > ISOLATION_SETTINGS.common_loss_share:
             where = "all lines lack"
-        return Finding(float(lacking[j]), f"{where} {lacking[j]:.2f} of the main pump's pressure")
+        return Finding(
+            float(lacking[j]), lambda: f"{where} {lacking[j]:.2f} of the main pump's pressure"
+        )
 
 
 class Saturation(Symptom):
@@ -226,11 +235,11 @@ class Saturation(Symptom):
         """
         of = sample.actuators
         command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
-        saturated = np.isclose(command, 1.0)
+        saturated = np.abs(command - 1.0) <= ROUNDING_TOLERANCE
         self._saturated_samples = np.where(saturated, self._saturated_samples + 1.0, 0.0)
         k = int(np.argmax(self._saturated_samples))
         time = float(self._saturated_samples[k]) * WATCH_PERIOD_NS / SECOND_NS
-        return Finding(time, f"{self._names[k]} for {time:.2f} s")
+        return Finding(time, lambda: f"{self._names[k]} for {time:.2f} s")
 
 
 class HeldPlan(Symptom):
@@ -250,8 +259,10 @@ class HeldPlan(Symptom):
             The time [s], and a clause with the time and the reason. The time is 0 if the plan is
             not held.
         """
-        text = f"the plan has been held for {sample.held:.2f} s: {sample.hold_reason}"
-        return Finding(sample.held, text)
+        return Finding(
+            sample.held,
+            lambda: f"the plan has been held for {sample.held:.2f} s: {sample.hold_reason}",
+        )
 
 
 class MinimumFilter:
@@ -259,7 +270,7 @@ class MinimumFilter:
 
     def __init__(self) -> None:
         """Begin without samples."""
-        self._last: deque[FloatArray] = deque(maxlen=ISOLATION_SETTINGS.min_duration_samples)
+        self._last: list[FloatArray] = []
 
     def update(self, now: FloatArray) -> FloatArray:
         """Add a sample, and return the minimum of the last `min_duration_samples` samples.
@@ -271,10 +282,10 @@ class MinimumFilter:
             Minimum of each element, of the same shape and unit. All are 0 until there are
             `min_duration_samples` samples.
         """
-        self._last.append(now)
+        self._last = [now, *self._last[: ISOLATION_SETTINGS.min_duration_samples - 1]]
         if len(self._last) < ISOLATION_SETTINGS.min_duration_samples:
             return np.zeros_like(now)
-        return np.min(self._last, axis=0)
+        return reduce(np.minimum, self._last)
 
 
 SYMPTOM_KINDS: tuple[type[Symptom], ...] = (

@@ -22,10 +22,10 @@ from mhsb_sim.simulation.sensors import Sensed, compute_length_errors
 
 WATCH_PERIOD = WATCH_PERIOD_NS / SECOND_NS
 """Time between two samples [s]."""
-CAP_SENSOR, ROD_SENSOR, LINE_SENSOR = range(3)
-"""Columns of `Sensed.pressure`."""
 PRESSURE_NAMES = "cap pressure", "rod pressure", "line pressure"
-"""Names of these columns in texts."""
+"""Names of the columns of `Sensed.pressure` in texts."""
+LINE_SENSOR = 2
+"""Last of these columns; those before it belong to the chambers."""
 JUMP_NOISE_FACTOR = 6.0
 """Standard deviations of noise that are no jump [-]; exceeded once in 5e8 readings."""
 
@@ -91,6 +91,11 @@ class IsolationSettings:
 ISOLATION_SETTINGS = IsolationSettings()
 """Settings of all symptoms."""
 
+CHAMBER_SIGNS = np.array([[1.0], [-1.0]])
+"""Direction in which the oil of each chamber, cap side and rod side, moves the piston [-]."""
+OPENING_SLACK = ISOLATION_SETTINGS.valve_opening_tolerance * np.array([[-1.0], [0.0], [1.0]])
+"""Differences from a valve's opening that are tolerated, as shares of the spool's stroke [-]."""
+
 
 class SilentSensor(Symptom):
     """Time for which a sensor has given no reading [s]."""
@@ -127,7 +132,7 @@ class SilentSensor(Symptom):
         silent = sample.sensed.silent
         k = int(np.argmax(silent))
         return Finding(
-            float(silent[k]), f"{self._names[k]} has given no reading for {silent[k]:.3f} s"
+            float(silent[k]), lambda: f"{self._names[k]} has given no reading for {silent[k]:.3f} s"
         )
 
 
@@ -170,7 +175,7 @@ class FrozenPressure(Symptom):
         self._same = np.where(changed, 0.0, self._same + float(changed.any()) * WATCH_PERIOD)
         k = int(np.argmax(self._same))
         time = float(self._same.flat[k])
-        return Finding(time, f"{self._names[k]} has repeated its reading for {time:.2f} s")
+        return Finding(time, lambda: f"{self._names[k]} has repeated its reading for {time:.2f} s")
 
 
 class FrozenLength(Symptom):
@@ -219,8 +224,10 @@ class FrozenLength(Symptom):
         j = int(np.argmax(self._stroke))
         return Finding(
             float(self._stroke[j]),
-            f"the length sensor of {self._machine.actuator_names[j]} has repeated its reading "
-            f"while its piston was to move {1e3 * self._stroke[j]:.2f} mm",
+            lambda: (
+                f"the length sensor of {self._machine.actuator_names[j]} has repeated its reading "
+                f"while its piston was to move {1e3 * self._stroke[j]:.2f} mm"
+            ),
         )
 
 
@@ -282,8 +289,10 @@ class JumpingLength(Symptom):
         noise = JUMP_NOISE_FACTOR * math.sqrt(2.0) * now.length_noise
         share = np.abs(way) / (ISOLATION_SETTINGS.farthest_jump * periods + noise)
         j = int(np.argmax(share))
-        text = f"the length sensor of {self._names[j]} has leapt by {1e3 * way[j]:.1f} mm"
-        return Finding(float(share[j]), text)
+        return Finding(
+            float(share[j]),
+            lambda: f"the length sensor of {self._names[j]} has leapt by {1e3 * way[j]:.1f} mm",
+        )
 
 
 class DisagreeingLine(Symptom):
@@ -307,7 +316,7 @@ class DisagreeingLine(Symptom):
         self._supply = machine.arrays.supply_pressure
         self._full = machine.arrays.servo_pump_flow
         self._since = np.zeros(machine.joint_count)
-        self._apart = np.zeros(machine.joint_count)
+        self._apart = [0.0] * machine.joint_count
 
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the unboosted line whose pressure differs most from all other unboosted lines.
@@ -326,23 +335,26 @@ class DisagreeingLine(Symptom):
             sensor of that line.
         """
         sensed = sample.sensed
-        line, pumps = sensed.pressure[:, LINE_SENSOR], min(len(sensed.modes), len(sensed.pump_flow))
+        line = sensed.pressure[:, LINE_SENSOR].tolist()  # Python's numbers are faster one by one
+        pumps = min(len(sensed.modes), len(sensed.pump_flow))
         feeds = np.zeros(len(line), dtype=bool)
         feeds[:pumps] = (
             sensed.pump_flow[:pumps] > ISOLATION_SETTINGS.stopped_flow_share * self._full
         )
         unboosted = (sensed.modes == Mode.N) & ~feeds
         self._since = np.where(unboosted, self._since + WATCH_PERIOD, 0.0)
-        counts = self._since > ISOLATION_SETTINGS.settled_time
+        counts = (self._since > ISOLATION_SETTINGS.settled_time).tolist()
         for j in range(len(line)):
-            others = [line[i] for i in np.flatnonzero(counts) if i != j]
+            others = [other for i, other in enumerate(line) if counts[i] and i != j]
             differences = [line[j] - other for other in (*others, self._supply)]
             least = min(differences, key=abs) if counts[j] and others else 0.0
             self._apart[j] += ISOLATION_SETTINGS.line_smoothing * (least - self._apart[j])
         j = int(np.argmax(np.abs(self._apart)))
-        apart = float(self._apart[j])
-        name = f"the line pressure sensor of {self._names[j]}"
-        return Finding(abs(apart), f"{name} is {apart / 1e6:.2f} MPa off the others")
+        apart, name = self._apart[j], self._names[j]
+        return Finding(
+            abs(apart),
+            lambda: f"the line pressure sensor of {name} is {apart / 1e6:.2f} MPa off the others",
+        )
 
 
 class DisagreeingValve(Symptom):
@@ -369,9 +381,13 @@ class DisagreeingValve(Symptom):
         Args:
             machine: The machine, with areas, valve coefficients and oil of the comparison.
         """
-        self._machine = machine
-        self._names = machine.actuator_names
+        arrays, self._names = machine.arrays, machine.actuator_names
         self._cylinders = build_cylinders(machine)
+        self._bulk_modulus = machine.config.circuit.bulk_modulus
+        self._area = np.stack([arrays.cap_area, arrays.rod_area])
+        self._swept = self._cylinders["swept_volume_factor"] * self._area
+        self._valve_coefficient, self._tank = arrays.valve_coefficient, arrays.tank_pressure
+        self._largest_drop = machine.config.hydraulics.valve.largest_drop
         self._unexplained = np.zeros(machine.joint_count)
         self._before: Sensed | None = None
         self._opened = np.zeros(machine.joint_count)
@@ -394,7 +410,7 @@ class DisagreeingValve(Symptom):
         opened = self._opened
         self._before, self._opened = now, now.valve_command
         if before is None:
-            return Finding(0.0, "")
+            return Finding(0.0, str)
         speed = (now.length - before.length) / WATCH_PERIOD
         lowest, highest = self._compute_explained_speeds(
             before, now, np.array([opened, now.valve_command])
@@ -410,8 +426,10 @@ class DisagreeingValve(Symptom):
         far = float(self._unexplained[j])
         return Finding(
             far,
-            f"the valve or the length sensor of {self._names[j]} fails: its piston has gone "
-            f"{1e3 * far:.2f} mm that the opening of its valve does not explain",
+            lambda: (
+                f"the valve or the length sensor of {self._names[j]} fails: its piston has gone "
+                f"{1e3 * far:.2f} mm that the opening of its valve does not explain"
+            ),
         )
 
     def _compute_explained_speeds(
@@ -434,28 +452,21 @@ class DisagreeingValve(Symptom):
             Lowest and highest speed of each piston, both float64[n], [m/s]. Each is moved outwards
             by the share `valve_gain_tolerance` of its magnitude.
         """
-        arrays, oil, own = self._machine.arrays, self._machine.config.circuit, self._cylinders
+        own = self._cylinders
         pressure = 0.5 * (before.pressure + now.pressure)
         rate = (now.pressure - before.pressure) / WATCH_PERIOD
         length = 0.5 * (before.length + now.length)
-        chambers = (
-            (arrays.cap_area, CAP_SENSOR, length - own["min_length"], 1.0),
-            (arrays.rod_area, ROD_SENSOR, own["max_length"] - length, -1.0),
-        )
-        slack = ISOLATION_SETTINGS.valve_opening_tolerance * np.array([-1.0, 0.0, 1.0])
-        openings = opening[:, None, :] + slack[:, None]
-        speeds = []
-        for area, side, stroke, sign in chambers:
-            capacity = (
-                own["dead_volume"] + own["swept_volume_factor"] * area * stroke
-            ) / oil.bulk_modulus
-            fed = np.maximum(pressure[:, LINE_SENSOR] - pressure[:, side], 0.0)
-            emptied = np.maximum(pressure[:, side] - arrays.tank_pressure, 0.0)
-            drop = np.where(sign * openings > 0.0, fed, emptied)
-            drop = np.minimum(drop, self._machine.config.hydraulics.valve.largest_drop)
-            flow = arrays.valve_coefficient * openings * np.sqrt(drop)
-            speeds.append((flow - sign * capacity * rate[:, side]) / area)
-        explained = np.concatenate(speeds)
+        stroke = np.array([length - own["min_length"], own["max_length"] - length])
+        capacity = (own["dead_volume"] + self._swept * stroke) / self._bulk_modulus
+        compressed = CHAMBER_SIGNS * capacity * rate[:, :LINE_SENSOR].T
+        chamber = pressure[:, :LINE_SENSOR].T
+        fed = np.maximum(pressure[:, LINE_SENSOR] - chamber, 0.0)
+        emptied = np.maximum(chamber - self._tank, 0.0)
+        root = np.sqrt(np.minimum(np.array([fed, emptied]), self._largest_drop))[:, :, None]
+        openings = (opening[:, None] + OPENING_SLACK).reshape(-1, opening.shape[1])
+        opens = CHAMBER_SIGNS[:, :, None] * openings > 0.0
+        flow = self._valve_coefficient * openings * np.where(opens, root[0], root[1])
+        explained = (flow - compressed[:, None]) / self._area[:, None]
         lowest, highest = explained.min(axis=(0, 1)), explained.max(axis=(0, 1))
         return lowest - ISOLATION_SETTINGS.valve_gain_tolerance * np.abs(
             lowest

@@ -1,7 +1,8 @@
 """A sample of the arm for supervision, and the interface of a symptom."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
@@ -56,17 +57,17 @@ class ArmSample:
         )
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """Size of a symptom, and a clause that names the part.
 
     Attributes:
         value: Size in the unit of the symptom's limits.
-        text: Clause for a person.
+        describe: Function that returns the clause, for a person; call it before the symptom is
+            evaluated again.
     """
 
     value: float
-    text: str
+    describe: Callable[[], str]
 
 
 class Symptom(Protocol):

@@ -207,17 +207,18 @@ class Supervision:
         for symptom in self._symptoms:
             finding = symptom.evaluate(sample)
             warning, limit = getattr(self.limits, symptom.name)
-            allowed = f"{limit:g} {symptom.unit}".rstrip()
+            if not finding.value > min(warning, limit):
+                continue
+            text, allowed = finding.describe(), f"{limit:g} {symptom.unit}".rstrip()
             if symptom.unit == "m":
                 allowed = format_distance(limit)
             if finding.value > limit:
-                why = filter(None, [self._pumps.describe_suspects(sample.sensed), finding.text])
+                why = filter(None, [self._pumps.describe_suspects(sample.sensed), text])
                 self._stop_for_fault(
                     f"{'; '.join(why)}, at most {allowed} is allowed", symptom.closes_valves
                 )
                 return
-            if finding.value > warning and not self.warning:
-                self.warning = f"{finding.text}, beyond {allowed} the arm is stopped"
+            self.warning = self.warning or f"{text}, beyond {allowed} the arm is stopped"
         if self._pumps.failures:
             without = f"{', '.join(self._pumps.failures.values())}; the arm does without"
             self.warning = "; ".join(filter(None, [without, self.warning]))
