@@ -13,7 +13,7 @@ SAMPLING_SEED = 0
 
 
 def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
-    """Compute the stiffness of the oil in each cylinder at a posture.
+    """Compute the stiffness of the oil in each cylinder at one posture or several.
 
         k_h = β (A²/V_A + a²/V_B)
 
@@ -22,16 +22,16 @@ def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
-        q: Joint positions, float64[n], [rad or m].
+        q: Joint positions, float64[..., n], [rad or m].
 
     Returns:
-        Stiffness k_h, float64[n], [N/m].
+        Stiffness k_h, of the shape of q, [N/m].
 
     Source:
         H. E. Merritt, Hydraulic Control Systems.
     """
     arrays, oil = machine.arrays, machine.config.circuit
-    own, length = build_cylinders(machine), machine.cylinder_lengths(q)
+    own, length = build_cylinders(machine), np.apply_along_axis(machine.cylinder_lengths, -1, q)
     dead, cap, rod = own["dead_volume"], own["cap_area"], own["rod_area"]
     cap_volume = dead + own["swept_volume_factor"] * cap * (length - own["min_length"])
     rod_volume = dead + own["swept_volume_factor"] * rod * (own["max_length"] - length)
@@ -39,7 +39,7 @@ def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
 
 
 def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
-    """Compute the natural frequency of each joint at a posture, with all other joints locked.
+    """Compute the natural frequency of each joint at each posture, with all other joints locked.
 
         ω_j = |r_j| √(k_h,j / M_jj)
 
@@ -48,13 +48,14 @@ def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
-        q: Joint positions, float64[n], [rad or m].
+        q: Joint positions, float64[..., n], [rad or m].
 
     Returns:
-        Natural frequencies, float64[n], [rad/s].
+        Natural frequencies, of the shape of q, [rad/s].
     """
-    stiffness = machine.moment_arms(q) ** 2 * compute_oil_stiffness(machine, q)
-    return np.sqrt(stiffness / np.diag(machine.mass_matrix(q)))
+    arms = np.apply_along_axis(machine.moment_arms, -1, q)
+    masses = np.apply_along_axis(lambda each: np.diag(machine.mass_matrix(each)), -1, q)
+    return np.sqrt(arms**2 * compute_oil_stiffness(machine, q) / masses)
 
 
 def draw_postures(machine: Machine) -> FloatArray:
@@ -85,5 +86,5 @@ def find_joint_frequency_ranges(machine: Machine) -> tuple[FloatArray, FloatArra
         Lowest and highest natural frequencies, float64[n] each, [rad/s]. Values of different joints
         may belong to different postures.
     """
-    found = np.array([compute_joint_frequencies(machine, q) for q in draw_postures(machine)])
+    found = compute_joint_frequencies(machine, draw_postures(machine))
     return found.min(axis=0), found.max(axis=0)

@@ -5,6 +5,7 @@ Linkages are evaluated on a 0.1° grid of the joint angle.
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,9 +40,24 @@ def check_linkages(config: MachineConfig) -> Iterator[str]:
     for index, joint in enumerate(config.joints):
         if joint.kind == "slew":  # its moment arm is constant
             continue
-        path = f"joints.{index}"
-        assembly = _check_assembly(path, joint)
-        yield from assembly or [*_check_moment_arm(path, joint), *_check_stroke(path, joint)]
+        yield from _check_joint(f"joints.{index}", joint)
+
+
+@lru_cache(maxsize=64)
+def _check_joint(path: str, joint: AnyJoint) -> list[str]:
+    """Check the linkage of a joint. Copies of a machine with other values have the same joints.
+
+    Args:
+        path: Path of the joint in the file, such as `joints.0`.
+        joint: Joint section of the file.
+
+    Returns:
+        One string `path: sentence` for each broken rule. The list must not be changed.
+    """
+    return _check_assembly(path, joint) or [
+        *_check_moment_arm(path, joint),
+        *_check_stroke(path, joint),
+    ]
 
 
 def _check_assembly(path: str, joint: AnyJoint) -> list[str]:

@@ -20,8 +20,9 @@ def exercise_kernels() -> None:
     For each servo controller, a simulated arm takes a plan, runs steps, stops, closes its valves
     and is reset. The bars for pictures are computed, too.
     """
+    machine = load_machine()
     for controller in REGISTERED_CONTROLLERS:
-        simulator = Simulator(load_machine(), controller)
+        simulator = Simulator(machine, controller)
         arm = SupervisedArm(simulator, SupervisionLimits())
         start = simulator.reference.position
         rest = np.zeros((2, len(start)))
@@ -33,7 +34,7 @@ def exercise_kernels() -> None:
         simulator.close_valves()
         arm.step(0.0)
         arm.reset(0)
-    compute_planar_bars(load_machine(), start)  # for pictures and the viewer
+    compute_planar_bars(machine, start)  # for pictures and the viewer
 
 
 KERNEL_PARTS = (f"{__name__}:{exercise_kernels.__name__}",)
