@@ -127,7 +127,9 @@ class CommitHorizonEstimator:
 
         Without a fixed horizon, the commit horizon is the estimate times `horizon_factor`, limited
         to the bounds. The part for transport and confirmation is another estimate times
-        `horizon_factor`, but at most half of the horizon.
+        `horizon_factor`, but at most half of the horizon. If the lower bound exceeds the estimate,
+        the part grows by the difference, up to the longest transport of the last
+        `SAMPLE_CAPACITY` plans: a late plan costs more than the time to improve it.
 
         Args:
             lower_bound: Lower bound [s].
@@ -143,8 +145,13 @@ class CommitHorizonEstimator:
         """
         wanted = horizon_factor * self.horizon
         total = fixed_horizon or min(max(wanted, lower_bound), upper_bound)
-        flight = min(horizon_factor * self._transport_reserve, 0.5 * total)
-        return CommitHorizon(total, flight, is_longest=fixed_horizon > 0.0 or wanted >= upper_bound)
+        reserve = horizon_factor * self._transport_reserve
+        longer_reserve = min(max(self._flight), reserve + total - wanted)
+        return CommitHorizon(
+            total,
+            min(max(reserve, longer_reserve), 0.5 * total),
+            is_longest=fixed_horizon > 0.0 or wanted >= upper_bound,
+        )
 
 
 def compute_recent_quantile(samples: FloatArray, quantile: float = DURATION_QUANTILE) -> float:

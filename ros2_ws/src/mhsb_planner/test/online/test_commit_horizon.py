@@ -53,6 +53,20 @@ def test_where_plans_take_long_more_is_kept_for_their_way():
     assert lead.total - lead.transport_reserve == pytest.approx(0.6)
 
 
+@pytest.mark.parametrize(
+    ("lower_bound", "reserve"),
+    [(0.03, 0.01), (0.035, 0.015), (0.04, 0.02), (0.05, 0.025), (0.1, 0.03)],
+)
+def test_what_a_lower_bound_leaves_is_kept_for_the_longest_way_of_late(lower_bound, reserve):
+    estimate = CommitHorizonEstimator()
+    estimate.add_transport_time(0.03)
+    for _ in range(30):
+        estimate.add_first_motion(0.02)
+        estimate.add_transport_time(0.01)
+    lead = estimate.choose_horizon(lower_bound, 1.0, 0.0, 1.0)
+    assert lead == pytest.approx((lower_bound, reserve, False))
+
+
 def test_it_stays_between_its_bounds_and_is_fixed_where_asked_for():
     estimate = CommitHorizonEstimator()
     assert estimate.choose_horizon(0.2, 1.0, 0.0, 1.0).total == 0.2
