@@ -43,7 +43,7 @@ for fork in forks:
 def run_forked(
     programs: Sequence[Sequence[str]],
     folder: Path,
-    modules: Sequence[str] = ("mhsb_model.kernels.compiled",),
+    modules: Sequence[str] = ("mhsb_model.kernels.machine_code", "mhsb_model.kernels.shared_cache"),
     *,
     together: bool = False,
     environment: Mapping[str, str] | None = None,
@@ -53,7 +53,8 @@ def run_forked(
     Args:
         programs: Source text of each program, followed by its arguments.
         folder: Working directory, in which files output0, errors0 and so on are made.
-        modules: Modules that are imported before the forks begin.
+        modules: Modules that are imported before the forks begin. By default, each fork still
+            chooses and creates its folder of kernels.
         together: True if all programs run at the same time.
         environment: Further environment variables.
 

@@ -5,6 +5,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -190,6 +191,7 @@ def test_a_process_that_dies_while_it_compiles_keeps_nobody_waiting(start, tmp_p
     first = start()
     while not list((tmp_path / "cache").rglob("*.lock")):
         assert first.poll() is None
+        time.sleep(0.002)
     first.kill()
     first.communicate()
     output, errors = start().communicate()
