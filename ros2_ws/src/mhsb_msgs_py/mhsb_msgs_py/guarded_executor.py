@@ -82,7 +82,7 @@ class _QuietGuard:
     """
 
     def __init__(self, guard: GuardCondition) -> None:
-        """Store the executor's guard condition and the present thread, which is to serve it."""
+        """Store the executor's guard condition and the present thread, which serves it."""
         self._guard, self._thread = guard, threading.get_ident()
 
     def trigger(self) -> None:
@@ -90,17 +90,39 @@ class _QuietGuard:
         if threading.get_ident() != self._thread:
             self._guard.trigger()
 
+    def __getattr__(self, name: str) -> Any:
+        """Return everything else of the guard condition, such as `destroy`."""
+        return getattr(self._guard, name)
 
-class GuardedExecutor(SingleThreadedExecutor):
-    """Single-threaded executor that survives exceptions in the callbacks of its nodes."""
+
+class QuietExecutor(SingleThreadedExecutor):
+    """Single-threaded executor that is not woken by the callbacks that it has executed itself."""
 
     _guard: GuardCondition
+
+    def _make_handler(self, *arguments: Any) -> Task:
+        """Make rclpy's task that executes a callback, and give it a guard that does not wake.
+
+        Args:
+            *arguments: Arguments of rclpy's method.
+
+        Returns:
+            The task.
+        """
+        guard, self._guard = self._guard, _QuietGuard(self._guard)
+        try:
+            return super()._make_handler(*arguments)
+        finally:
+            self._guard = guard
+
+
+class GuardedExecutor(QuietExecutor):
+    """Single-threaded executor that survives exceptions in the callbacks of its nodes."""
 
     def __init__(self) -> None:
         """Create the executor without nodes, and without failures in a row."""
         super().__init__()
         self._in_a_row = 0
-        self._quiet_guard = _QuietGuard(self._guard)
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Serve one callback, and record an exception of a task or of the wait itself as a fault.
@@ -183,11 +205,7 @@ class GuardedExecutor(SingleThreadedExecutor):
             else:
                 faults.record_success(entity)
 
-        guard, self._guard = self._guard, self._quiet_guard
-        try:
-            return super()._make_handler(entity, node, guarded_take)
-        finally:
-            self._guard = guard
+        return super()._make_handler(entity, node, guarded_take)
 
     def _take_request(self, node: Node, service: Service) -> Execution | None:
         """Take a request from a service's queue, to be answered later.

@@ -20,7 +20,7 @@ from rclpy.node import Node
 
 from mhsb_model import process
 from mhsb_model.errors import ArgumentError, MhsbError
-from mhsb_msgs_py.guarded_executor import GuardedExecutor, suggest_parameter
+from mhsb_msgs_py.guarded_executor import GuardedExecutor, QuietExecutor, suggest_parameter
 
 MAX_WAIT = 0.5
 """Longest time between two wakes of the executor [s].
@@ -157,7 +157,7 @@ def _ignore_interrupt(number: int, frame: object) -> None:
 @contextmanager
 def serve_node(
     make_node: Callable[[], NodeType],
-    make_executor: Callable[[], SingleThreadedExecutor] = SingleThreadedExecutor,
+    make_executor: Callable[[], SingleThreadedExecutor] = QuietExecutor,
 ) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
     """Make an executor and the node that it serves, as a context manager.
 
