@@ -124,7 +124,7 @@ def test_a_message_that_cannot_be_used_has_the_consequence_that_the_page_names(
 ):
     child = nodes("mhsb_sim", "mhsb_planner")[node]
     topic = next(each for each in topics.SUITE_TOPICS if each.name == name)
-    before = len(child.output)
+    before, tip = len(child.output), arm.machine.tip_position(arm.references[-1].state.position)
     with serve_node(lambda: Stranger(topic)) as (executor, stranger):  # not the observer
 
         def is_said():
@@ -136,7 +136,6 @@ def test_a_message_that_cannot_be_used_has_the_consequence_that_the_page_names(
         assert spin_until(executor, lambda: stranger.is_matched, 15.0)
         assert spin_until(executor, is_said, 15.0)
         assert "a fault in" not in child.output[before:]
-        tip = arm.machine.tip_position(arm.references[-1].state.position)
         asked = stranger.send(0.6, 0.1 if tip[1] > 0.2 else 0.3)
         assert spin_until(executor, lambda: asked in stranger.verdicts, 15.0)
         assert stranger.verdicts[asked].code is Verdict.OK, stranger.verdicts[asked].sentence
