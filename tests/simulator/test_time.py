@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_msgs_py import topics
+from mhsb_msgs_py import stamps, topics
 
 MOVE = np.array([0.3, 0.3, 0.4])
 
@@ -102,6 +102,18 @@ def test_two_simulators_of_one_name_are_noticed_by_both(observer, start_simulato
         assert all(one != next_one for one, next_one in pairwise(told))
     assert children[1].stop(signal.SIGINT) == 0
     until_no_warning(observer, "one is allowed")
+
+
+def test_actuator_states_have_the_times_of_references_for_whoever_subscribes(observer, simulator):
+    topic, heard = topics.ACTUATOR_STATES, []
+    observer.create_subscription(topic.message, topic.name, heard.append, topic.qos)
+    observer.until(lambda: len(heard) > 50)
+    observer.serve(0.2)  # the last reference may still be on its way
+    times = [stamps.from_time(each.header.stamp) for each in heard]
+    references = [each.stamp_ns for each in observer.references]
+    first = references.index(times[0])
+    assert references[first : first + len(times)] == times
+    assert len(heard[-1].name) == len(heard[-1].position) > 0
 
 
 def test_somebody_else_on_its_topics_is_noticed_while_he_is_there(observer, simulator):

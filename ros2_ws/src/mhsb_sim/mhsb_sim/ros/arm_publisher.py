@@ -29,6 +29,7 @@ from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.reference import Reference
 from mhsb_sim.mechanics.robot_description import build_robot_description
+from mhsb_sim.simulation.sensors import ActuatorStates
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
 STATE_PERIOD_NS = SECOND_NS // 100
@@ -209,7 +210,7 @@ class ArmPublisher:
         return int(self._publishers[topics.DIAGNOSTICS.name].get_subscription_count())
 
     def _publish_states(self, now_ns: int) -> None:
-        """Publish joint states, reference and actuator states.
+        """Publish joint states, reference and, if someone subscribes to them, actuator states.
 
         The effort of a joint is its cylinder's force times its moment arm. /clock is also published
         if the node is its source.
@@ -220,9 +221,7 @@ class ArmPublisher:
         simulator, machine = self._simulator, self._simulator.machine
         if self._with_clock:
             self._publish(topics.CLOCK, Clock(clock=stamps.to_time(now_ns)))
-        measured = simulator.joint_state
-        hydraulics = simulator.actuator_states
-        n = machine.joint_count
+        measured, hydraulics = simulator.joint_state, simulator.actuator_states
         torque = hydraulics.force * machine.moment_arms(measured.position)
         self._publish(
             topics.JOINT_STATES,
@@ -235,6 +234,17 @@ class ArmPublisher:
             topics.REFERENCE,
             reference.encode(Reference(now_ns, simulator.reference), machine.joint_names),
         )
+        if self._publishers[topics.ACTUATOR_STATES.name].get_subscription_count():
+            self._publish_actuator_states(now_ns, hydraulics)
+
+    def _publish_actuator_states(self, now_ns: int, hydraulics: ActuatorStates) -> None:
+        """Publish the states of all actuators; this takes as long as all other states together.
+
+        Args:
+            now_ns: Simulated time, as the stamp [ns].
+            hydraulics: Pressures, flows, forces and openings.
+        """
+        machine, n = self._simulator.machine, self._simulator.machine.joint_count
         sample = ActuatorSample(
             now_ns,
             cap_pressure=hydraulics.cap_pressure,
