@@ -284,7 +284,7 @@ def test_goals_beside_a_second_simulator_get_one_verdict_each_that_names_it(
     planner = start_planner()
     observer.until(lambda: observer.is_matched and len(observer.references) > 2)
     start_simulator("--ros-args", "-p", "publish_clock:=true")
-    observer.serve(3.0)
+    planner.wait_for("2 publishers whose clocks differ")
     for goal in GOALS[:3]:
         verdict = observer.request_verdict(*goal)
         assert verdict.code is Verdict.NO_STATE
