@@ -41,8 +41,11 @@ whole commit horizon.
 OFFLINE_LEAD = 0.1
 """Commit horizon of plans in simulated time, which stands still during planning [s]."""
 
-INITIAL_PLANNING_TIME, INITIAL_TRANSPORT_TIME = 0.05, 0.02
-"""Durations that are assumed before anything has been measured [s]."""
+INITIAL_PLANNING_TIME, INITIAL_TRANSPORT_TIME = 0.02, 0.01
+"""Durations that are assumed before anything has been measured [s].
+
+They affect the first nine plans. A plan that needs more is made twice; its durations then count.
+"""
 
 
 def compute_offline_horizon(machine: Machine) -> float:

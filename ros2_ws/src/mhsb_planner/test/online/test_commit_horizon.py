@@ -34,6 +34,15 @@ def test_twenty_quick_plans_make_slow_ones_forgotten(slow):
     assert compute_recent_quantile(np.array([*slow, *[0.01] * 20]), 0.95) == 0.01
 
 
+def test_what_is_assumed_before_the_first_plan_is_forgotten_after_nine():
+    estimate = CommitHorizonEstimator()
+    for _ in range(9):
+        assert estimate.horizon == pytest.approx(0.03)
+        estimate.add_first_motion(0.004)
+        estimate.add_transport_time(0.003)
+    assert estimate.horizon == pytest.approx(0.007)
+
+
 def test_the_lead_is_first_motion_plus_flight():
     estimate = CommitHorizonEstimator()
     for _ in range(30):
@@ -69,6 +78,7 @@ def test_what_a_lower_bound_leaves_is_kept_for_the_longest_way_of_late(lower_bou
 
 def test_it_stays_between_its_bounds_and_is_fixed_where_asked_for():
     estimate = CommitHorizonEstimator()
+    estimate.add_first_motion(0.06)
     assert estimate.choose_horizon(0.2, 1.0, 0.0, 1.0).total == 0.2
     longest = estimate.choose_horizon(0.03, 0.06, 0.0, 1.0)
     assert (longest.total, longest.is_longest) == (0.06, True)
