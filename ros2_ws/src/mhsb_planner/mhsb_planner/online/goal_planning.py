@@ -42,9 +42,9 @@ The arm reports its machine every second."""
 START_UP = 6.0
 """Time after the planner's start during which goals wait for the arm's first state [s].
 
-After this state, the planner waits for the same time before it warns that the arm does not report
-its machine. On a busy computer, the discovery of a running arm and of each of its topics takes
-seconds.
+After this state, goals wait for the same time for the other topics of the arm, and the planner
+before it warns that the arm does not report its machine. On a busy computer, the discovery of a
+running arm and of each of its topics takes seconds.
 """
 
 AHEAD_NS = SECOND_NS // 10
@@ -127,7 +127,8 @@ class GoalPlanning:
     def _must_wait(self, pending_goal: PendingGoal) -> bool:
         """Return whether the waiting goal must wait longer before planning begins.
 
-        The goal waits until all of these conditions are met, but for at most `LONGEST_WAIT`:
+        The goal waits until all of these conditions are met, but for at most `LONGEST_WAIT`, or
+        `START_UP` if the arm's first state came less than `START_UP` ago:
 
         - The arm is connected so that it would receive a plan.
         - If the arm sends a reference, it has also reported which plan it executes.
@@ -146,7 +147,9 @@ class GoalPlanning:
         is_unknown = arm.machine_difference is None and may_report
         is_ahead = self._hand_over.last_stamp_ns > state.now_ns + AHEAD_NS
         is_ready = state.outbox.is_arm_connected() and not (is_half_known or is_unknown or is_ahead)
-        return not is_ready and state.now - pending_goal.waiting_since < LONGEST_WAIT
+        is_new = 0.0 <= state.now - arm.first_state_at < START_UP
+        longest = START_UP if is_new else LONGEST_WAIT
+        return not is_ready and state.now - pending_goal.waiting_since < longest
 
     def _postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
         """Refuse a goal for which no plan can start, or keep it waiting.

@@ -166,6 +166,17 @@ def test_after_a_plan_stamped_too_far_ahead_of_a_slow_arm_its_goal_waits_for_tha
     assert len(world.planned) == 2
 
 
+def test_a_plan_is_not_given_up_before_the_time_of_a_slow_arm_has_come_to_it(world):
+    world.pass_time(3.0)
+    world.arm.clock_rate = 0.1
+    world.pass_time(0.3)
+    stamp = world.send_goal(*UP)
+    world.pass_time(0.9)
+    world.arm.clock_rate = 1.0
+    ending = world.execution_report(stamp)
+    assert (ending.outcome, ending.attempts) == (Outcome.REACHED, 1), ending
+
+
 def test_only_a_plan_from_rest_may_begin_later_and_not_before_the_motion_that_it_continues(world):
     def rehearse():
         request = world.life.planning.build_trial_request(Goal(1, *DOWN), keep_settings)
@@ -692,6 +703,16 @@ def test_a_goal_waits_until_the_arm_receives_plans(world):
     assert world.planned == []
     world.reachable = True
     assert world.execution_report(stamp).outcome is Outcome.REACHED
+
+
+def test_right_after_its_first_state_an_arm_is_given_more_time_to_receive_plans(world):
+    world.reachable = False
+    stamp = world.send_goal(*UP)
+    world.pass_time(4.0)
+    assert not world.sent
+    world.reachable = True
+    assert world.execution_report(stamp).outcome is Outcome.REACHED
+    assert len(world.sent) == 1
 
 
 def test_an_arm_that_tells_a_reference_is_given_time_to_tell_the_plan_in_force(world):
