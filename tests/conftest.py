@@ -273,7 +273,7 @@ class Observer(GoalSender):
             kept.append(report)
 
     def _decode(self, codec: Any, message: Any) -> Any:
-        """By the joints of the machine that a test may have put in place of the suite's."""
+        """Decode a message by the joints of `self.machine`, which a test may have replaced."""
         return codec.decode(message, self.machine.joint_names)
 
     def _on_plan_in_force(self, message: Time) -> None:

@@ -168,7 +168,7 @@ CASES = list(product(PLANNER_KINDS, ("free", "obstacle")))
 
 @pytest.fixture(scope="module")
 def compiled_from_rest(table, tmp_path_factory):
-    """What each planner prints that it compiles, in a process of its own, by its case."""
+    """Output and errors of a process for each case; it prints the kernels that a plan compiled."""
     folder = tmp_path_factory.mktemp("rest")
     table.save(folder / "table.npz")
     programs = [(PLAN_FROM_REST, "table.npz", *case) for case in CASES]

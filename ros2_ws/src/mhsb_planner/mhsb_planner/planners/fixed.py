@@ -23,6 +23,7 @@ class FixedPlanner(PathPlanner):
     trajectory = "polynomial"
     takes = ("search", "heuristic_scale", "initial_j3")
     _newest: ClassVar[tuple[tuple[PostureTable, bytes, int] | None, StepGraph | None]] = None, None
+    """Posture table, kept joints and elbow side of the newest graph, and this graph."""
 
     def paths(
         self, graph: StepGraph, request: PathRequest, progress: PlanProgress
