@@ -91,12 +91,21 @@ def test_a_node_that_was_frozen_goes_on(observer, pair, frozen):
 def test_the_path_of_a_plan_is_shown_when_the_arm_follows_it(observer, pair):
     paths, shown = [], topics.PLANNED_PATH
     observer.create_subscription(shown.message, shown.name, paths.append, shown.qos)
-    pair["simulator"].process.send_signal(signal.SIGSTOP)
-    verdict = observer.request_verdict(*UP)
-    observer.serve(0.5)
-    pair["simulator"].process.send_signal(signal.SIGCONT)
+    for goal in (UP, DOWN, UP, DOWN):
+        # The planner knows all of the arm once a plan is in force, and its view has come.
+        observer.until_in_force(observer.request_verdict(0.6, 0.1))
+        observer.until(lambda: bool(paths))
+        paths.clear()
+        pair["simulator"].process.send_signal(signal.SIGSTOP)
+        verdict = observer.request_verdict(*goal)
+        observer.serve(0.5)
+        shown_early = list(paths)
+        pair["simulator"].process.send_signal(signal.SIGCONT)
+        # On a busy computer, the frozen arm's state may be too old before planning begins.
+        if verdict.code is not Verdict.NO_STATE:
+            break
     assert verdict.code is Verdict.OK, verdict.sentence
-    assert not paths
+    assert not shown_early
     observer.until(lambda: bool(paths))
     observer.until_in_force(verdict)
 
