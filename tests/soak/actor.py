@@ -30,7 +30,7 @@ from mhsb_model.types import Position
 from mhsb_msgs_py import goal_pose, names
 from mhsb_msgs_py.node_process import spin_until
 from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS
-from mhsb_tools.live.child_process import ChildProcess
+from mhsb_tools.live.child_process import ChildEndedError, ChildProcess
 from mhsb_tools.live.nodes import (
     PLANNER_EXECUTABLE,
     SIM_EXECUTABLE,
@@ -222,7 +222,7 @@ class Actor:
     def start(self, node: str) -> None:
         """Start a node and wait until it is ready.
 
-        A planner must also answer a goal first.
+        A planner is also sent a goal. The action counts as done unless the goal gets no answer.
 
         Args:
             node: `PLANNER` or `SIM`.
@@ -244,10 +244,14 @@ class Actor:
         if not self._until(lambda: is_ready() or ended(), START_TIMEOUT):
             running.process.end(signal.SIGKILL)
             raise MhsbError(f"{running.log} did not become ready within {START_TIMEOUT:g} s")
+        is_reached = True
         if node == PLANNER and not ended():
-            wait_for_planner_answer(self._watcher, self._executor)
+            try:
+                wait_for_planner_answer(self._watcher, self._executor)
+            except ChildEndedError:
+                is_reached = False
         running.ready_ns = time.time_ns()
-        self._record_action(ActionKind.START, node, begin_ns)
+        self._record_action(ActionKind.START, node, begin_ns, done=is_reached)
 
     def end(self, node: str, signal_number: int | None) -> None:
         """End a node's process and record its life; does nothing if the node does not run.

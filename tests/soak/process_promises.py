@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 
 import numpy as np
-from tests.soak.events import ActionKind, Events
+from tests.soak.events import PLANNER, ActionKind, Events
 from tests.soak.kept import PromiseResult
 
 from mhsb_model.trajectory import SECOND_NS
@@ -48,6 +48,24 @@ def check_no_process_ends(events: Events) -> PromiseResult:
         if life.signal is None
     )
     return PromiseResult(len(events.lives), broken)
+
+
+def check_starts(events: Events) -> PromiseResult:
+    """Check that a planner that is ready answers a goal.
+
+    Args:
+        events: Actions and processes of the soak.
+
+    Returns:
+        The result; each start of a planner is one case.
+    """
+    starts = [deed for deed in events.actions_of(ActionKind.START) if deed.node == PLANNER]
+    broken = tuple(
+        f"planner {number} of {len(starts)} was ready, but could not be reached over ROS"
+        for number, deed in enumerate(starts, 1)
+        if not deed.done
+    )
+    return PromiseResult(len(starts), broken)
 
 
 def check_no_tracebacks(events: Events) -> PromiseResult:

@@ -33,6 +33,7 @@ PROMISES: dict[str, Callable[[Events], PromiseResult]] = {
     "after healing nothing lunges": motion_promises.check_healing,
     "strange settings are refused": process_promises.check_invalid_settings_refused,
     "no process ends by itself": process_promises.check_no_process_ends,
+    "a planner that is ready answers": process_promises.check_starts,
     "no process prints a traceback": process_promises.check_no_tracebacks,
     "processes end within 2 s when asked": process_promises.check_clean_ends,
     "what memory is kept stays within 5 MB after four minutes": (

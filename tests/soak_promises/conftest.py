@@ -93,6 +93,7 @@ def events(machine: Machine) -> Events:
         simulator_reports=(heard(39.0, report), heard(40.5, faulty), heard(50.5, report)),
     )
     deeds = (
+        deed(ActionKind.START, PLANNER, 0.4, 0.5),
         deed(ActionKind.GOAL, PLANNER, 10.4, 10.4, 1),
         deed(ActionKind.STOP, SIM, 20.0, 20.01),
         deed(ActionKind.ZONES, PLANNER, 30.0, 30.01, Zones(tip_circles=((0.6, -0.6, 0.1),))),

@@ -191,7 +191,8 @@ def test_a_lunge_after_healing_is_told(spoilt, events):
     lunging.position[5100:] += 0.1
     kept = motion_promises.check_healing(spoilt(recording={"joint_states": lunging}))
     assert "after healing main_pump at 50.00 s: 1 rad/s" in kept.violations[0]
-    goal = replace(events.actions[0], begin_ns=events.actions[-1].begin_ns + 500_000_000)
+    first_goal = events.actions_of(ActionKind.GOAL)[0]
+    goal = replace(first_goal, begin_ns=events.actions[-1].begin_ns + 500_000_000)
     moved_by_goal = spoilt(recording={"joint_states": lunging}, actions=(*events.actions, goal))
     assert motion_promises.check_healing(moved_by_goal).is_kept
 

@@ -16,6 +16,16 @@ def test_a_process_that_ends_by_itself_is_told(spoilt, make):
     assert kept.violations == ("planner-1 ended by itself with exit code 1",)
 
 
+def test_a_planner_that_is_ready_and_cannot_be_reached_is_told(spoilt, make):
+    starts = (
+        ActionRecord(ActionKind.START, node, make.ns(second), make.ns(second), done=done)
+        for second, (node, done) in enumerate([(SIM, True), (PLANNER, True), (PLANNER, False)])
+    )
+    kept = process_promises.check_starts(spoilt(actions=tuple(starts)))
+    assert kept.tested == 2
+    assert kept.violations == ("planner 2 of 2 was ready, but could not be reached over ROS",)
+
+
 def test_a_traceback_is_told_with_its_last_line(spoilt, make):
     life = make.life(PLANNER, 2, 0.5, 12.0, traceback="ValueError: no")
     kept = process_promises.check_no_tracebacks(spoilt(lives=(life,)))
