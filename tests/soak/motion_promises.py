@@ -29,14 +29,20 @@ SAMPLED_NS = 15_000_000
 [ns].
 """
 
-UNEVEN = 1e-6
-"""Largest difference of a quintic of the suite's motions from the cubic through two references 10
-ms apart, if its jerk jumps between them [rad].
+UNEVEN_AT_REST = 1e-6
+"""Largest result of `gaps` for references without acceleration [rad]."""
+
+UNEVEN_IN_MOTION = 8.1e-6
+"""Largest result of `gaps` for a motion of the suite, whose jerk jumps by at most 1000 rad/s³
+[rad].
+
+If the jerk jumps by Δj a time r h before the second of two references, h = 10 ms apart, the result
+is h³ Δj r (1 − r)(1 − 2r)/12. The largest magnitude is h³ Δj √3/216.
 """
 
 UNEVEN_SLOWED = 2e-5
-"""This difference for a motion whose speed the guard scales: by 8/s, of joints at 0.3 rad/s, in 10
-ms [rad].
+"""Largest result of `gaps` for a motion whose speed the guard scales [rad]. It is scaled by up to
+8/s, of joints at 0.3 rad/s, in 10 ms.
 """
 
 JOINT_TOLERANCE = 1e-6
@@ -82,8 +88,8 @@ def check_hand_over_jumps(events: Events) -> PromiseResult:
 def check_continuous_reference(events: Events) -> PromiseResult:
     """Check that the reference does not jump from one sample to the next.
 
-    Jumps are allowed where the simulation starts anew or supervision sets the reference. A plan
-    that is slowed may bend more sharply.
+    Jumps are allowed where the simulation starts anew or supervision sets the reference. Where the
+    jerk jumps, or a plan is slowed, successive references fit together less well.
 
     Args:
         events: Everything recorded in the soak.
@@ -95,12 +101,14 @@ def check_continuous_reference(events: Events) -> PromiseResult:
     rows = np.flatnonzero(_has_direct_successor(table))
     slowed = slowed_at(events, table.recorded_ns)
     apart = gaps(table, rows)
+    moves = table.acceleration.any(axis=1)
     anew = events.actions_of(ActionKind.RESET, ActionKind.START, ActionKind.END, ActionKind.HEAL)
     told_ns = [each.recorded_ns for each in events.recording.simulator_reports if each.value.faulty]
     broken = []
     for row, gap in zip(rows, apart, strict=True):
         time_ns = int(table.recorded_ns[row])
-        uneven = UNEVEN_SLOWED if slowed[row] else UNEVEN
+        uneven = UNEVEN_IN_MOTION if moves[row] or moves[row + 1] else UNEVEN_AT_REST
+        uneven = UNEVEN_SLOWED if slowed[row] else uneven
         if gap <= uneven or overlaps_any(anew, time_ns, time_ns, before=0.5, after=0.5):
             continue
         told = any(abs(time_ns - each) < SECOND_NS for each in told_ns)

@@ -46,6 +46,23 @@ def test_a_step_between_two_references_is_told_but_where_everything_starts_anew(
     ).is_kept
 
 
+@pytest.mark.parametrize(("step", "held"), [(0.0, True), (2e-5, False)])
+def test_a_jump_of_the_jerk_is_told_from_a_jump_of_the_reference(events, spoilt, step, held):
+    table, after_s = events.recording.references, 20.0021  # the jerk jumps within a period
+    since = np.clip(1e-9 * (table.time_ns - table.time_ns[0]) - after_s, 0.0, 0.05)[:, None]
+    jerk = 1000.0
+    bent = replace(
+        table,
+        position=table.position + jerk * since**3 / 6 + step * (since > 0.0),
+        velocity=table.velocity + jerk * since**2 / 2,
+        acceleration=table.acceleration + jerk * since,
+    )
+    before = slice(0, 2005)  # the curve holds for a while after the jump
+    bent = replace(bent, **{name: getattr(bent, name)[before] for name in vars(bent)})
+    kept = motion_promises.check_continuous_reference(spoilt(recording={"references": bent}))
+    assert kept.is_kept is held, kept.violations
+
+
 def test_a_reference_beside_the_plan_in_force_is_told(events, spoilt):
     table = events.recording.references
     beside = moved(table, slice(1200, 1300), 1e-8)
@@ -98,7 +115,8 @@ def test_the_table_planners_polynomials_may_pass_v_max_a_little_and_may_bend_sha
     assert not motion_promises.check_speed_limits(allowed).is_kept
     bent = replace(table, acceleration=table.acceleration.copy())
     bent.acceleration[1200::2] += 10.0  # as where its jerk jumps
-    assert motion_promises.gaps(bent, np.arange(1200, 1210)).max() > motion_promises.UNEVEN
+    rows = np.arange(1200, 1210)
+    assert motion_promises.gaps(bent, rows).max() > motion_promises.UNEVEN_IN_MOTION
     assert motion_promises.check_continuous_reference(
         spoilt(recording={"references": bent})
     ).is_kept
