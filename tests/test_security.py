@@ -46,6 +46,8 @@ def test_every_socket_of_the_nodes_is_bound_to_the_loopback_interface(observer, 
         addresses = addresses_of(node.process.pid)
         assert addresses
         assert all(address.is_loopback for address in addresses), (node.name, addresses)
+        mapped = Path(f"/proc/{node.process.pid}/maps").read_text()
+        assert "/dev/shm/fastrtps" not in mapped  # a node started after kill -9 may not be reached
     for node in nodes:
         assert node.stop(signal.SIGINT) == 0
 

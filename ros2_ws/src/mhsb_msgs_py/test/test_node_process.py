@@ -160,7 +160,12 @@ def test_a_node_that_is_ended_while_it_starts_leaves_no_shared_memory(
     code = (
         "import sys; sys.path.append(sys.argv[1]); from mhsb_model.process import make_node_entry; "
     )
-    child = start_process(sys.executable, "-c", code + "make_node_entry('starting')()", tmp_path)
+    words = (sys.executable, "-c", code + "make_node_entry('starting')()", tmp_path)
+    own_transports = {  # the suite's profile has no shared memory
+        "FASTRTPS_DEFAULT_PROFILES_FILE": "",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    child = start_process(*words, environment=own_transports)
     shared = re.findall(r"fastrtps_[0-9a-f]+(?=_el)", child.wait_for("shares .*").group())
     assert shared
     assert child.stop(number) == 0
