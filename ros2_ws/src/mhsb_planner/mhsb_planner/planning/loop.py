@@ -63,11 +63,6 @@ MIN_REPLACEMENT_GAIN = 0.02
 the remainder's cost [-].
 """
 
-MIN_PATH_COST_RATIO = 0.8
-"""Ratio of a path's cost to the incumbent's cost below which no motion has come near the path's
-cost [-]. Slower paths are then always searched.
-"""
-
 MIN_SLOWER_GAIN = 0.01
 """Least expected gain for which slower paths are searched, as a share of the incumbent's cost [-].
 """
@@ -306,11 +301,11 @@ class PlanningLoop:
         Returns:
             L / (L + S) times the incumbent's largest piston speed over V_max, at most 1 [-]. It is
             1 if S is not positive. It is 0 if there is no incumbent (best plan so far), or if the
-            incumbent costs much more than the cheapest path (MIN_PATH_COST_RATIO).
+            incumbent costs much more than the cheapest path (MIN_MOTION_COST_RATIO).
         """
         best, options = self._best, self._request.options
         cost = math.inf if best is None else best.cost(options)
-        if best is None or self._cheapest_path_cost < MIN_PATH_COST_RATIO * cost:
+        if best is None or self._cheapest_path_cost < MIN_MOTION_COST_RATIO * cost:
             return 0.0
         weights, energy, path = options.weights, best.energy, best.path
         boosts = max(0.0, best.chosen_energy(options) - energy.main_pump)
