@@ -134,6 +134,13 @@ class Trajectory:
         """Absolute time of the last point [ns]."""
         return self.stamp_ns + self.duration_ns
 
+    @cached_property
+    def _quintics(self) -> tuple[FloatArray, ...]:
+        """Coefficients of the polynomial of each interval, six arrays of shape (points − 1, n)."""
+        h = (np.diff(self.offset_ns) / SECOND_NS)[:, None]
+        q, qd, qdd = self.points
+        return compute_quintic(h, (q[:-1], qd[:-1], qdd[:-1]), (q[1:], qd[1:], qdd[1:]))
+
     def shifted(self, delta_ns: int) -> Trajectory:
         """Return this motion at a later time.
 
@@ -181,8 +188,16 @@ class Trajectory:
         Args:
             time_ns: Absolute time [ns].
         """
-        q, qd, qdd = self.sample_many(np.array([time_ns], dtype=np.int64))
-        return MotionState(q[0], qd[0], qdd[0])
+        since = min(max(int(time_ns) - self.stamp_ns, 0), self.duration_ns)
+        if len(self.offset_ns) == 1:
+            q, qd, qdd = (each[0].copy() for each in self.points)
+        else:
+            i = min(int(self.offset_ns.searchsorted(since, "right")), len(self.offset_ns) - 1) - 1
+            s = (since - int(self.offset_ns[i])) / SECOND_NS
+            q, qd, qdd = evaluate_quintic(s, tuple(each[i] for each in self._quintics))
+        if time_ns > self.end_ns:
+            qd, qdd = np.zeros(self.joint_count), np.zeros(self.joint_count)
+        return MotionState(q, qd, qdd)
 
     def sample_many(self, time_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Evaluate the motion at several absolute times.
@@ -204,16 +219,10 @@ class Trajectory:
             rows = np.zeros(len(since), dtype=np.int64)
             q, qd, qdd = self.position[rows], self.velocity[rows], self.acceleration[rows]
         else:
-            i = np.clip(np.searchsorted(self.offset_ns, since, "right") - 1, 0, None)
-            i = np.minimum(i, len(self.offset_ns) - 2)
-            h = ((self.offset_ns[i + 1] - self.offset_ns[i]) / SECOND_NS)[:, None]
+            after = np.searchsorted(self.offset_ns, since, "right")
+            i = np.minimum(after, len(self.offset_ns) - 1) - 1
             s = ((since - self.offset_ns[i]) / SECOND_NS)[:, None]
-            q, qd, qdd = quintic_hermite(
-                s,
-                h,
-                (self.position[i], self.velocity[i], self.acceleration[i]),
-                (self.position[i + 1], self.velocity[i + 1], self.acceleration[i + 1]),
-            )
+            q, qd, qdd = evaluate_quintic(s, tuple(each[i] for each in self._quintics))
         qd = np.where(ended[:, None], 0.0, qd)
         qdd = np.where(ended[:, None], 0.0, qdd)
         return q, qd, qdd
@@ -258,10 +267,7 @@ def quintic_hermite(
 ) -> tuple[Number, Number, Number]:
     """Evaluate the quintic polynomial that joins two states.
 
-        q(s) = q₀ + v₀ s + ½ a₀ s² + c₃ s³ + c₄ s⁴ + c₅ s⁵
-
-    q₀, v₀ and a₀ are the state at s = 0. The coefficients c₃, c₄ and c₅ follow from the state at s
-    = h. Python callers may pass arrays, which broadcast; kernels pass single numbers.
+    Python callers may pass arrays, which broadcast; kernels pass single numbers.
 
     Args:
         s: Time since the start of the interval [s].
@@ -272,6 +278,28 @@ def quintic_hermite(
     Returns:
         Position q, velocity dq/ds and acceleration d²q/ds² at s.
     """
+    return evaluate_quintic(s, compute_quintic(h, start, end))
+
+
+@kernel(plain=True)
+def compute_quintic(
+    h: Number, start: tuple[Number, Number, Number], end: tuple[Number, Number, Number]
+) -> tuple[Number, ...]:
+    """Compute the coefficients of the quintic polynomial that joins two states.
+
+        q(s) = q₀ + v₀ s + ½ a₀ s² + c₃ s³ + c₄ s⁴ + c₅ s⁵
+
+    q₀, v₀ and a₀ are the state at s = 0. The coefficients c₃, c₄ and c₅ follow from the state at s
+    = h. Python callers may pass arrays, which broadcast; kernels pass single numbers.
+
+    Args:
+        h: Duration of the interval, above 0 [s].
+        start: Position, velocity and acceleration at s = 0.
+        end: Position, velocity and acceleration at s = h.
+
+    Returns:
+        q₀, v₀, a₀, c₃, c₄ and c₅.
+    """
     q0, v0, a0 = start
     q1, v1, a1 = end
     dq = q1 - q0 - v0 * h - 0.5 * a0 * h**2
@@ -280,6 +308,23 @@ def quintic_hermite(
     c3 = (10 * dq - 4 * dv * h + 0.5 * da * h**2) / h**3
     c4 = (-15 * dq + 7 * dv * h - da * h**2) / h**4
     c5 = (6 * dq - 3 * dv * h + 0.5 * da * h**2) / h**5
+    return q0, v0, a0, c3, c4, c5
+
+
+@kernel(plain=True)
+def evaluate_quintic(
+    s: Number | float, coefficients: tuple[Number, ...]
+) -> tuple[Number, Number, Number]:
+    """Evaluate a quintic polynomial and its first two derivatives.
+
+    Args:
+        s: Time since the start of the interval [s].
+        coefficients: q₀, v₀, a₀, c₃, c₄ and c₅ of `compute_quintic`; arrays broadcast with `s`.
+
+    Returns:
+        Position q, velocity dq/ds and acceleration d²q/ds² at s.
+    """
+    q0, v0, a0, c3, c4, c5 = coefficients
     q = q0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
     qd = v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
     qdd = a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
