@@ -152,7 +152,8 @@ def _compute_area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaB
         arm = moment_arm(m.linkage[j], q[j])
         columns[0, j] /= arm
         columns[1, j] /= arm
-        w.limit[j, pattern[j]] = compute_flow_limit(m, j, pattern[j], w.force[j] / arm)
+        limit = w.limit[j, pattern[j]]  # assigned one by one for the reason in `kernels.copying`
+        limit[0], limit[1] = compute_flow_limit(m, j, pattern[j], w.force[j] / arm)
     compute_cross_products(columns, w.cross)
     return compute_area_from_limits(w.cross, w.scale, w.limit, pattern, w.flow)
 
@@ -312,7 +313,11 @@ def _exclude_samples(
             joint.
     """
     for s in range(len(value)):
-        if np.max(np.abs(sample[s] - posture) / unit) <= MIN_START_DISTANCE:
+        is_close = True
+        for j in range(len(posture)):
+            distance = abs(sample[s, j] - posture[j]) / unit[j]
+            is_close = is_close and distance <= MIN_START_DISTANCE
+        if is_close:
             value[s] = -1.0
 
 
@@ -339,11 +344,11 @@ def _find_best_known(
     Returns:
         The largest area, at least `best` [m²/s²].
     """
-    for posture in known:
-        area = _compute_area(m, posture, pattern, w)
+    for k in range(len(known)):
+        area = _compute_area(m, known[k], pattern, w)
         if area > best:
             best = area
-            copy_row(q, posture)
+            copy_row(q, known[k])
     return best
 
 
