@@ -186,7 +186,7 @@ class Circuit(NamedTuple):
             speed: Speed of each piston, float64[n], [m/s]; constant during the call.
             substeps: Number of substeps.
         """
-        advance(self, length, speed, substeps)
+        advance_alone(self, length, speed, substeps)
 
     @property
     def rail_pressure(self) -> float:
@@ -843,3 +843,19 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         actuator.force = (
             cylinder.cap_area * pressure[3 * j] - cylinder.rod_area * pressure[3 * j + 1]
         )
+
+
+@kernel(borrows=True)
+def advance_alone(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: int) -> None:
+    """Call `advance` from Python, with the same arguments.
+
+    The version of `advance` that the simulator's kernels link is linked here, too. If Python called
+    `advance` itself, all of it would be compiled once more.
+
+    Args:
+        circuit: The circuit, advanced in place.
+        length: Length of each cylinder, float64[n], [m].
+        speed: Speed of each piston, float64[n], [m/s].
+        substeps: Number of substeps.
+    """
+    advance(circuit, length, speed, substeps)

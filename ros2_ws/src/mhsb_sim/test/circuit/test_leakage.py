@@ -59,7 +59,7 @@ def carry(machine: Machine, *times: float) -> tuple[FloatArray, Circuit]:
     set_rest_pressures(circuit, machine, START, np.zeros(3, np.uint8))
     m, p = machine.arrays, circuit.pressure
     length, speed = machine.cylinder_lengths(START).copy(), np.zeros(3)
-    advance = bind_kernel(network.advance, circuit, length, speed, integer_count=1)
+    advance = bind_kernel(network.advance_alone, circuit, length, speed, integer_count=1)
     lengths = [length.copy()]
     for steps in np.diff([0, *np.round(np.array(times) / STEP)]):
         for _ in range(round(steps)):
