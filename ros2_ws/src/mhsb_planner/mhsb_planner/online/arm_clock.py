@@ -176,11 +176,12 @@ class ArmClockEstimator:
         if not self._stamps:
             raise ValueError("no stamp of the arm has been heard")
         speed, latest = self.speed, self._stamps[-1][0]
-        return max(
-            stamp_ns + round(speed * (steady_time - heard) * SECOND_NS)
-            for heard, stamp_ns in self._stamps
-            if latest - heard <= STAMP_WINDOW
-        )
+        times = []
+        for heard, stamp_ns in reversed(self._stamps):
+            if latest - heard > STAMP_WINDOW:
+                break
+            times.append(stamp_ns + round(speed * (steady_time - heard) * SECOND_NS))
+        return max(times)
 
 
 class Order(Enum):
