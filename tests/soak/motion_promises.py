@@ -101,7 +101,7 @@ def check_continuous_reference(events: Events) -> PromiseResult:
     rows = np.flatnonzero(_has_direct_successor(table))
     slowed = slowed_at(events, table.recorded_ns)
     apart = gaps(table, rows)
-    moves = table.acceleration.any(axis=1)
+    moves = np.any(table.acceleration != 0.0, axis=1)
     anew = events.actions_of(ActionKind.RESET, ActionKind.START, ActionKind.END, ActionKind.HEAL)
     told_ns = [each.recorded_ns for each in events.recording.simulator_reports if each.value.faulty]
     broken = []
