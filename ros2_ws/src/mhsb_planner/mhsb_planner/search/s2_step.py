@@ -740,6 +740,34 @@ def mark_collisions(
             force[k] = math.nan
 
 
+@kernel
+def _price_steps_of_moves(
+    m: MachineArrays,
+    obstacles: FloatArray,
+    c: HydraulicCoefficients,
+    patterns: ModeArray,
+    moves: NodeMoves,
+    buffers: StepBuffers,
+) -> int:
+    """Compute the forces on the way of moves to one node, and the costs of the steps.
+
+    Args:
+        m: Arrays of the machine.
+        obstacles: Rows of the obstacles.
+        c: Hydraulic coefficients of the machine.
+        patterns: Mode combinations, shape (patterns, n).
+        moves: Posture to leave, and postures of the node. Writes `middle_force` in place.
+        buffers: Results `buffers.cost` and `buffers.status`, and working memory. Written in place.
+
+    Returns:
+        Status of the admissible steps, from `price_steps_to_node`.
+    """
+    start, end, force = moves.start.posture[moves.origin], moves.end.posture, moves.middle_force
+    compute_middle_forces(m, start, end, moves.first, force)
+    mark_collisions(m, obstacles, start, end, moves.first, force)
+    return price_steps_to_node(c, patterns, moves, buffers)
+
+
 @dataclass(frozen=True, eq=False)
 class StepCosts:
     """Durations and energies of one step in every mode combination.
@@ -780,14 +808,12 @@ def compute_step_costs(
     from_start = describe_postures(arrays, np.array([start], dtype=np.float64))
     to_end = describe_postures(arrays, np.array([end], dtype=np.float64))
     middle = np.empty((1, machine.joint_count))
-    compute_middle_forces(arrays, from_start.posture[0], to_end.posture, 0, middle)
-    obstacles = machine.obstacles.path_rows
-    mark_collisions(arrays, obstacles, from_start.posture[0], to_end.posture, 0, middle)
-    owner = np.zeros(len(patterns), dtype=np.int64)
+    owner = frozen(np.zeros(len(patterns), dtype=np.int64))
     scratch = create_step_buffers(patterns)
     circuit = compute_hydraulic_coefficients(arrays, patterns)._replace(rest_speed=rest_speed)
     moves = NodeMoves(from_start, 0, to_end, 0, 1, owner, middle)
-    status = price_steps_to_node(circuit, patterns, moves, scratch)
+    obstacles = machine.obstacles.path_rows
+    status = _price_steps_of_moves(arrays, obstacles, circuit, patterns, moves, scratch)
     admissible = (scratch.status == status) & (status != STEP_INADMISSIBLE)
     cost = np.where(admissible[:, None], scratch.cost, np.nan)
     return StepCosts(
