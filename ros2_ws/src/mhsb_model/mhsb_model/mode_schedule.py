@@ -70,7 +70,7 @@ class ModeSchedule:
     @property
     def switch_count(self) -> int:
         """Number of mode changes from row to row, summed over the actuators."""
-        return int(np.count_nonzero(np.diff(self.modes.astype(np.int64), axis=0)))
+        return int(np.count_nonzero(self.modes[1:] != self.modes[:-1]))
 
     def modes_at(self, time_ns: int) -> ModeArray:
         """Return the mode of each actuator at an absolute time, shape (actuators,).

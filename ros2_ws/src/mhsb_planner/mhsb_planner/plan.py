@@ -191,7 +191,7 @@ class Plan:
         """
         weights = options.weights
         cost = weights.energy * self.chosen_energy(options) + weights.time * self.duration
-        cost += weights.switches * self.motion.schedule.switch_count
+        cost += weights.switches * self.motion.scheduled.switch_count
         return cost + options.area_weight * self.area_shortfall
 
     def is_cheaper_than(self, other: Plan, options: PlanOptions) -> bool:

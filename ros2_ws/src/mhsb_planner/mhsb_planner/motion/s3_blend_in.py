@@ -119,15 +119,19 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
         Motions of the pistons from the start to rest.
     """
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
-    _, speed, acceleration = convert_to_pistons(machine.arrays, *state)
-    own, longest = _choose_ramp(machine, speed, acceleration), compute_shortest_ramp(machine)
+    pistons = convert_to_pistons(machine.arrays, *state)
+    own, longest = _choose_ramp(machine, *pistons[1:]), compute_shortest_ramp(machine)
     for ramp in (own,) if own == longest else (own, longest):
         for parts in range(MOST_PARTS + 1):
-            yield _compute_coasting_motion(machine, start, ramp, parts)
+            yield _compute_coasting_motion(machine, start.position, pistons, ramp, parts)
 
 
 def _compute_coasting_motion(
-    machine: Machine, start: MotionState, ramp: Ramp, parts: int
+    machine: Machine,
+    posture: FloatArray,
+    pistons: tuple[FloatArray, FloatArray, FloatArray],
+    ramp: Ramp,
+    parts: int,
 ) -> RampedMotion:
     """Compute the motion that brings a moving arm to rest with a given ramp and delay.
 
@@ -138,7 +142,9 @@ def _compute_coasting_motion(
 
     Args:
         machine: Machine that moves.
-        start: State of the joints at the start.
+        posture: Joint positions at the start, shape (n,) [rad or m].
+        pistons: Cylinder lengths [m], piston speeds [m/s] and piston accelerations [m/s²] at the
+            start, of shape (n,).
         ramp: Ramp of all changes of speed.
         parts: Delay δ as a multiple of T₂/2. δ is rounded up to a multiple of RAMP_TIME_STEP.
 
@@ -146,22 +152,14 @@ def _compute_coasting_motion(
         Motion of the pistons with n + 1 ramps: first the past ramp of each piston, then the common
         ramp to rest.
     """
-    m, n = machine.arrays, machine.joint_count
-    state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
-    length, speed, acceleration = convert_to_pistons(m, *state)
+    length, speed, acceleration = pistons
     stop_time = round_up_to_time_step(0.5 * parts * ramp.blend) if parts > 0 else 0.0
-    since, before, after = _infer_past_changes(m, ramp.rise, ramp.blend, speed, acceleration)
-    return RampedMotion(
-        machine,
-        start.position,
-        length,
-        speed=before,
-        ramp_begin=np.append(-since, stop_time),
-        change=np.vstack([np.diag(after - before), -after]),
-        rise=np.full(n + 1, ramp.rise),
-        blend=np.full(n + 1, ramp.blend),
-        node_time=np.array([stop_time + ramp.duration]),
+    before, begin, change = _place_ramps_to_rest(
+        machine.arrays, *ramp, stop_time, speed, acceleration
     )
+    rise, blend = np.full(len(begin), ramp.rise), np.full(len(begin), ramp.blend)
+    node_time = np.array([stop_time + ramp.duration])
+    return RampedMotion(machine, posture, length, before, begin, change, rise, blend, node_time)
 
 
 def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
@@ -179,21 +177,25 @@ def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) 
     Returns:
         Ramp common to all pistons.
     """
-    if (
-        np.abs(acceleration).max()
-        > STEADY_ACCELERATION_SHARE * machine.arrays.max_piston_acceleration
-    ):
+    steady = STEADY_ACCELERATION_SHARE * machine.arrays.max_piston_acceleration
+    if max(map(abs, acceleration.tolist())) > steady:
         return compute_shortest_ramp(machine)
-    return compute_shortest_ramp(machine, float(np.abs(speed).max()))
+    return compute_shortest_ramp(machine, max(map(abs, speed.tolist())))
 
 
 @kernel
-def _infer_past_changes(
-    m: MachineArrays, rise: float, blend: float, speed: FloatArray, acceleration: FloatArray
+def _place_ramps_to_rest(
+    m: MachineArrays,
+    rise: float,
+    blend: float,
+    stop_time: float,
+    speed: FloatArray,
+    acceleration: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Find a past change of speed that explains the present speed and acceleration of each piston.
+    """Place a past ramp of each piston and a common ramp to rest.
 
-    The change is a ramp from the speed v_a to the speed v_b. It began a time τ before now. For a
+    A ramp is a smooth change of speed. The past ramp explains the present speed and acceleration of
+    a piston. It leads from the speed v_a to the speed v_b and began a time τ before now. For a
     piston that speeds up, v_a is set to 0 and v_b is computed. For a piston that slows down, v_b is
     set to 0 and v_a is computed. If the computed speed exceeds V_max, it is set to V_max and the
     other speed is computed, unless the piston already exceeds V_max. For a piston without
@@ -205,19 +207,22 @@ def _infer_past_changes(
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
         blend: Time T₂ ≤ T₁ [s]. The acceleration rises for T₂ at the ramp's beginning, and falls
             for T₂ at its end.
+        stop_time: Time at which the common ramp to rest begins [s].
         speed: Piston speeds now, shape (n,) [m/s].
         acceleration: Piston accelerations now, shape (n,) [m/s²].
 
     Returns:
-        τ [s], v_a [m/s] and v_b [m/s] of each piston, all of shape (n,).
+        Speeds v_a, shape (n,) [m/s]; time at which each ramp begins, the common ramp last, shape
+        (n + 1,) [s]; change of the piston speeds in each ramp, shape (n + 1, n) [m/s].
     """
     n, total = len(speed), rise + blend
-    since, before, after = np.empty(n), np.empty(n), np.empty(n)
+    before, begin, change = np.empty(n), np.empty(n + 1), np.zeros((n + 1, n))
+    begin[n] = stop_time
     for j in range(n):
         sign = -1.0 if acceleration[j] < 0.0 else 1.0
         v, a, limit = sign * speed[j], sign * acceleration[j], m.max_piston_speed[j]
         if a < ACCELERATION_ROUNDING:
-            since[j], before[j], after[j] = 0.5 * total, speed[j], speed[j]
+            begin[j], before[j], change[n, j] = -0.5 * total, speed[j], -speed[j]
             continue
         if v > 0.0:
             tau = find_ramp_time(rise, blend, v / a)
@@ -231,9 +236,9 @@ def _infer_past_changes(
             tau = 0.5 * total
         step = _compute_speed_change(rise, blend, tau, a)
         _, share, _ = evaluate_ramp(rise, blend, tau)
-        since[j] = tau
-        before[j], after[j] = sign * (v - share * step), sign * (v + (1.0 - share) * step)
-    return since, before, after
+        before[j], after = sign * (v - share * step), sign * (v + (1.0 - share) * step)
+        begin[j], change[j, j], change[n, j] = -tau, after - before[j], -after
+    return before, begin, change
 
 
 @kernel

@@ -15,6 +15,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import (
@@ -25,7 +26,7 @@ from mhsb_model.trajectory import (
     standstill,
 )
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_model.workspace import compute_joint_excess
+from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion.limits.joint_range import (
     JOINT_TOLERANCE,
@@ -303,13 +304,31 @@ def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:
     Returns:
         True if all three are kept.
     """
-    m, tips = machine.arrays, machine.tip_positions(trajectory.position)
-    radius = np.hypot(tips[:, 0], tips[:, 1])
-    ranges = (m.min_x - tips[:, 0], m.min_radius - radius, radius - m.max_radius)
-    beyond = compute_joint_excess(m, trajectory.position).max()
-    if beyond > JOINT_TOLERANCE or np.max(ranges) > TIP_TOLERANCE:
+    joint, tip = compute_position_excess(machine.arrays, trajectory.position)
+    if joint > JOINT_TOLERANCE or tip > TIP_TOLERANCE:
         return False
     return find_first_contact(machine, trajectory) is None
+
+
+@kernel(borrows=True)
+def compute_position_excess(m: MachineArrays, position: FloatArray) -> tuple[float, float]:
+    """Compute how far postures are beyond the joint limits, and their tips outside the workspace.
+
+    Args:
+        m: Arrays of the machine.
+        position: Joint positions, shape (k, n) [rad or m].
+
+    Returns:
+        Largest excess of a joint [rad or m] and of a tip [m]; negative if all limits are kept.
+    """
+    joint = tip = -math.inf
+    for k in range(len(position)):
+        q = position[k]
+        x, z = tip_position(m, q)
+        tip = max(tip, compute_workspace_excess(m, x, z))
+        for j in range(len(q)):
+            joint = max(joint, m.joint_min[j] - q[j], q[j] - m.joint_max[j])
+    return joint, tip
 
 
 def find_first_violation(

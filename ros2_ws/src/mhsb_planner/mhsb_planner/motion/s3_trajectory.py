@@ -39,7 +39,6 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MAX_DURATION_NS, SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
-from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion import s3_limits
 from mhsb_planner.motion.energy import compute_motion_energy
@@ -64,6 +63,7 @@ from mhsb_planner.motion.s3_candidates import (
 from mhsb_planner.motion.s3_hard_braking import iterate_harder_brakings
 from mhsb_planner.motion.s3_limits import (
     EndValues,
+    compute_position_excess,
     find_first_violation,
     find_violation_between,
 )
@@ -405,7 +405,7 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
         by at most JOINT_TOLERANCE, which counts as rounding.
     """
     arrays = machine.arrays
-    if _compute_excess(arrays, as_frozen(posture)) <= JOINT_TOLERANCE:
+    if max(compute_position_excess(arrays, as_frozen(posture[None]))) <= JOINT_TOLERANCE:
         return machine
     x, z = tip_position(arrays, posture)
     radius = math.hypot(x, z)
@@ -417,24 +417,6 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
         max_radius=max(arrays.max_radius, radius),
     )
     return replace(machine, arrays=widened)
-
-
-@kernel(borrows=True)
-def _compute_excess(m: MachineArrays, posture: FloatArray) -> float:
-    """Compute how far a posture is beyond the joint limits, or its tip outside the workspace.
-
-    Args:
-        m: Arrays of the machine.
-        posture: Joint positions, shape (n,) [rad or m].
-
-    Returns:
-        Largest excess [rad or m]; negative if all limits are kept.
-    """
-    x, z = tip_position(m, posture)
-    excess = compute_workspace_excess(m, x, z)
-    for j in range(len(posture)):
-        excess = max(excess, m.joint_min[j] - posture[j], posture[j] - m.joint_max[j])
-    return excess
 
 
 def _fit_candidate(

@@ -269,6 +269,12 @@ class ScheduledMotion:
         return cls(trajectory, profile, modes, hold, kept)
 
     @cached_property
+    def switch_count(self) -> int:
+        """Number of mode changes of `schedule`, summed over the actuators; quicker to compute."""
+        modes, last = self.intervals, self.intervals[-1:]
+        return int(np.count_nonzero(modes[1:] != modes[:-1]) + np.count_nonzero(last != self.hold))
+
+    @cached_property
     def schedule(self) -> ModeSchedule:
         """Mode schedule of the trajectory, with its stamp.
 

@@ -309,7 +309,7 @@ class PlanningLoop:
             return 0.0
         weights, energy, path = options.weights, best.energy, best.path
         boosts = max(0.0, best.chosen_energy(options) - energy.main_pump)
-        saved = weights.energy * boosts + weights.switches * best.motion.schedule.switch_count
+        saved = weights.energy * boosts + weights.switches * best.motion.scheduled.switch_count
         saved -= MIN_SLOWER_GAIN * cost
         lost = weights.energy * energy.leakage + weights.time * best.duration
         if path.steps > 0:

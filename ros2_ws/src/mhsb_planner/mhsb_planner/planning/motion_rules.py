@@ -118,7 +118,7 @@ def list_variant_rules(
     if motion.method == FitMethod.POLYNOMIAL:
         if motion.stretch > 1.0 and not rules.polynomial_only and may_follow:
             groups.append((followed,))
-    elif stays and motion.schedule.switch_count > path.switches:
+    elif stays and motion.scheduled.switch_count > path.switches:
         groups.append(tuple(_with_ramps(varied, each) for each in SLOWER_RAMP_FACTORS))
     return groups
 

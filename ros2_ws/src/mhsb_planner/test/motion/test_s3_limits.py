@@ -7,11 +7,13 @@ from hypothesis import strategies as st
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import frozen
+from mhsb_model.workspace import compute_joint_excess
 from mhsb_planner.motion.limits.joint_range import JOINT_LIMIT
 from mhsb_planner.motion.limits.module_budget import MODULE_LIMIT
 from mhsb_planner.motion.limits.node_set import NODE_SET_LIMIT
 from mhsb_planner.motion.limits.usage import USAGE_LIMIT
-from mhsb_planner.motion.s3_limits import find_first_violation
+from mhsb_planner.motion.s3_limits import compute_position_excess, find_first_violation
 
 FORCES = st.floats(-4000, 4500)
 MODES = st.sampled_from(list(Mode))
@@ -61,6 +63,18 @@ def test_modules_beyond_the_budget_are_counted(machine):
     motion = ramp(np.array([0.3, -1.4, -1.0]), [0.35, -1.45, -1.1])
     violation = find_first_violation(machine, motion, hold_schedule(2, 2, 1))
     assert (violation.limit, violation.amount) == (MODULE_LIMIT, 1.0)
+
+
+def test_the_excess_of_postures_agrees_with_joint_limits_and_tip_positions(slider_crank_machine):
+    machine, random = slider_crank_machine, np.random.default_rng(4)
+    a = machine.arrays
+    for _ in range(50):
+        q = frozen(random.uniform(a.joint_min - 0.05, a.joint_max + 0.05, (3, 3)))
+        x, z = machine.tip_positions(q).T
+        radius = np.hypot(x, z)
+        away = max((a.min_x - x).max(), a.min_radius - radius.min(), radius.max() - a.max_radius)
+        found = compute_position_excess(a, q)
+        np.testing.assert_allclose(found, (compute_joint_excess(a, q).max(), away), atol=1e-14)
 
 
 @settings(max_examples=60)

@@ -230,7 +230,9 @@ def test_a_schedule_begins_with_the_trajectory_and_ends_with_its_holding_modes(m
 
 def test_an_arm_that_does_not_move_gets_its_holding_modes(machine):
     stretched = np.zeros(3)
-    schedule = ScheduledMotion.create(machine, standstill(stretched, 5), NORMAL).schedule
+    scheduled = ScheduledMotion.create(machine, standstill(stretched, 5), NORMAL)
+    schedule = scheduled.schedule
+    assert scheduled.switch_count == 0
     assert schedule.offset_ns.tolist() == [0]
     expected = choose_holding_modes(machine, machine.piston_forces(stretched))
     assert schedule.modes[0].tolist() == expected.tolist()

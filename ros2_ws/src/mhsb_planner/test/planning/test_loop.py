@@ -49,7 +49,7 @@ def motion_along(machine, path, *_):
     energy = float(path.energy.sum())
     return SimpleNamespace(
         trajectory=SimpleNamespace(duration_ns=10**9),
-        schedule=SimpleNamespace(switch_count=0),
+        scheduled=SimpleNamespace(switch_count=0),
         energy=Energy(energy, energy, 0.0, 0.0, 0.0, 0.0, 0.0),
         method=FitMethod.RAMPED,
         stretch=1.0,
