@@ -12,6 +12,10 @@ from mhsb_model.types import BoolArray, FloatArray, IntArray, frozen
 RATED_SLIP_PRESSURE = 1e7
 """Pressure rise at which the machine file states the slip of a servo pump [Pa]."""
 
+MAX_CHAMBER_PRESSURE_SHARE = 0.85
+"""Share of the setting of its relief valves that a chamber may reach [-]: plans brake with at most
+this pressure, and supervision warns above it."""
+
 
 class MachineArrays(NamedTuple):
     """Numbers of a machine with n joints, in SI units.
@@ -91,6 +95,10 @@ class MachineArrays(NamedTuple):
     [m³/s]."""
     max_piston_speed: FloatArray
     """V_max of each actuator, shape (n,) [m/s]."""
+    max_chamber_pressure: FloatArray
+    """Highest pressure with which the chambers of each actuator brake, shape (n,) [Pa]:
+    `MAX_CHAMBER_PRESSURE_SHARE` of the relief valves' setting, or the maximum boost pressure, with
+    which loads are lifted, if that is higher."""
     max_piston_acceleration: float
     """Largest planned piston acceleration [m/s²]."""
     max_piston_jerk: float
@@ -213,6 +221,12 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
         land_leakage=land_leakage,
         external_leakage=0.0,
         max_piston_speed=frozen(fastest),
+        max_chamber_pressure=frozen(
+            np.maximum(
+                MAX_CHAMBER_PRESSURE_SHARE * collect_actuator_values(config, "relief_pressure"),
+                oil.servo_pump.max_boost_pressure,
+            )
+        ),
         max_piston_acceleration=config.motion.max_piston_acceleration,
         max_piston_jerk=config.motion.max_piston_jerk,
     )

@@ -57,6 +57,9 @@ PLANNING_HASH_FIELDS: dict[str, Any] = {
 }
 """Parts of the machine file that a plan depends on and that planner and arm must have in common.
 
+The setting of all chambers' relief valves (`circuit`) is left out, so that hashes in recordings and
+estimates files stay valid. The arm's own supervision stops a motion that opens them.
+
 The format is that of `include` in pydantic's `model_dump`."""
 
 FIELDS_OUTSIDE_TABLE_HASH: dict[str, Any] = {

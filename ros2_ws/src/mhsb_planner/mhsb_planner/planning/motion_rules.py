@@ -20,8 +20,8 @@ acceleration and jerk, because two ramps may coincide. Ramps that do not coincid
 """
 
 LAST_RAMP_FACTOR = 0.72
-"""Factor on the duration of the last ramp alone [-]. Braking needs no extra pressure, so the last
-ramp may be shorter than the others.
+"""Factor on the duration of the last ramp alone [-]. A braked load needs no supply pressure, so the
+last ramp may be shorter than the others, as far as the return chamber's relief valve allows.
 """
 
 SLOWER_RAMP_FACTORS = (1.5, 2.2)

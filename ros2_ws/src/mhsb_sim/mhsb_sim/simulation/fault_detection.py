@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 
 from mhsb_control import get_controller_class
+from mhsb_model.arrays import MAX_CHAMBER_PRESSURE_SHARE
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
@@ -52,7 +53,7 @@ class SupervisionLimits:
     """
 
     following_error: tuple[float, float] = (0.03, 0.06)
-    overpressure: tuple[float, float] = (0.85, 0.97)
+    overpressure: tuple[float, float] = (MAX_CHAMBER_PRESSURE_SHARE, 0.97)
     supply_loss: tuple[float, float] = (0.6, 0.8)
     saturation: tuple[float, float] = (0.3, 1.0)
     held: tuple[float, float] = (1.0, 3.0)

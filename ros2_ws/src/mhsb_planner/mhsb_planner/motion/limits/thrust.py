@@ -1,13 +1,26 @@
-"""Limit of the supply pressure that moving cylinders need against gravity and inertia.
+"""Limit of the pressures that drive and brake moving cylinders against gravity and inertia.
 
-    thrust = max_j (p_L(F + (M q̈ + C q̇)/r) + m(v) + margin) / p_max,j ≤ 1
+A cylinder that moves against its load is driven by its supply:
+
+    thrust = (p_L(F + (M q̈ + C q̇)/r) + m(v) + margin) / p_max ≤ 1
 
 p_L is the load pressure. Its argument is the piston force F of gravity plus the piston force of
 inertia, with the moment arm r. m(v) is the pressure drop over the valve. `margin` is the part of
-the boost margin that must remain in spite of inertia. p_max,j is the highest supply pressure of the
-mode of actuator j. Only cylinders that move against their load count.
+the boost margin that must remain in spite of inertia. p_max is the highest supply pressure of the
+actuator's mode.
 
-Source: paper, Section 2.1, with inertia added.
+If the load drives the motion, the oil in the return chamber brakes it. The other chamber falls to
+the tank's pressure p_T at most, since anti-cavitation valves fill it:
+
+    thrust = p_o / p_relief' ≤ 1,   p_o = (A_i p_T − F_v)/A_o
+
+A_i and A_o are the piston areas of the chambers that fill and empty. F_v is the load in the
+direction of motion, here negative. p_relief' is below the setting of the chamber's relief valves
+(`MachineArrays.max_chamber_pressure`): beyond the setting they let the load run on. The limit is
+the largest value of all cylinders.
+
+Source: paper, Section 2.1, with inertia added; H. E. Merritt, Hydraulic Control Systems (relief
+valves limit the deceleration of a load).
 """
 
 import math
@@ -19,6 +32,7 @@ from mhsb_model.hydraulics import (
     compute_pressure_with_margin,
     get_max_supply_pressure,
     get_shared_hydraulics,
+    load_pressure,
     opposes_motion,
 )
 from mhsb_model.kernels.kernel import kernel
@@ -28,12 +42,13 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScalin
 
 @kernel(borrows=True, forceinline=True)
 def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the largest ratio of needed to available supply pressure over all cylinders [-].
+    """Return the largest ratio of needed to available pressure over all cylinders [-].
 
-    The needed pressure carries the load (gravity and inertia) at the piston's speed. The part of
-    the boost margin that must remain in spite of inertia is added. The available pressure is the
-    highest supply pressure of the cylinder's mode. Only cylinders that move against their load and
-    faster than MAX_HELD_SPEED count.
+    Against a load (gravity and inertia), the needed pressure is that of the supply at the piston's
+    speed, with the part of the boost margin that must remain in spite of inertia. The available
+    pressure is the highest of the cylinder's mode. If the load drives the motion, the needed
+    pressure is that of the return chamber, and the available one `max_chamber_pressure`. Only
+    cylinders faster than MAX_HELD_SPEED count.
 
     Args:
         m: Arrays of the machine.
@@ -51,6 +66,9 @@ def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
             needed -= compute_inertia_margin(oil)
             highest = get_max_supply_pressure(oil, m.modules_per_mode[state.modes[j]])
             hardest = max(hardest, needed / highest)
+        elif abs(v) > MAX_HELD_SPEED:
+            needed = load_pressure(cap[j], rod[j], oil.tank_pressure, load, -v)
+            hardest = max(hardest, needed / m.max_chamber_pressure[j])
     return hardest
 
 
@@ -64,9 +82,10 @@ def find_inertia_excess(
 ) -> float:
     """Find the factor by which inertia forces are too large for the available pressure.
 
-    The needed pressure p is linear in the inertia force. With p_0 without inertia, and the highest
-    supply pressure p_max, the factor is (p − p_0)/(p_max − p_0). The unit tests compare the result
-    with the thrust of a motion whose inertia forces are divided by it.
+    The needed pressure p, of the supply or of the return chamber, is linear in the inertia force.
+    With p_0 without inertia, and the highest available pressure p_max, the factor is
+    (p − p_0)/(p_max − p_0). The unit tests compare the result with the thrust of a motion whose
+    inertia forces are divided by it.
 
     Args:
         m: Arrays of the machine.
@@ -76,22 +95,28 @@ def find_inertia_excess(
         modes: Mode codes (N, DB, SB), shape (k, n).
 
     Returns:
-        Largest factor of all instants and of the cylinders that move against a load [-]; 1 if the
-        pressure suffices for these. inf if it does not even suffice without inertia.
+        Largest factor of all instants and of the moving cylinders [-]; 1 if the pressure suffices
+        for all. inf if it does not even suffice without inertia.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     margin, largest = compute_inertia_margin(oil), 1.0
     for k in range(len(speed)):
         for j in range(speed.shape[1]):
             v, f, load = speed[k, j], force[k, j], force[k, j] + inertia[k, j]
-            if abs(v) > MAX_HELD_SPEED and opposes_motion(load, v):
+            if abs(v) <= MAX_HELD_SPEED:
+                continue
+            if opposes_motion(load, v):
                 highest = margin + get_max_supply_pressure(oil, m.modules_per_mode[modes[k, j]])
                 needed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
                 still = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], f, v)
-                if needed > highest > still:
-                    largest = max(largest, (needed - still) / (highest - still))
-                elif needed > highest:
-                    largest = math.inf
+            else:
+                highest, tank = m.max_chamber_pressure[j], oil.tank_pressure
+                needed = load_pressure(cap[j], rod[j], tank, load, -v)
+                still = load_pressure(cap[j], rod[j], tank, f, -v)
+            if needed > highest > still:
+                largest = max(largest, (needed - still) / (highest - still))
+            elif needed > highest:
+                largest = math.inf
     return largest
 
 
