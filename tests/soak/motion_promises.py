@@ -30,7 +30,7 @@ SAMPLED_NS = 15_000_000
 """
 
 UNEVEN_AT_REST = 1e-6
-"""Largest result of `gaps` for references without acceleration [rad]."""
+"""Largest result of `gaps` for two references without acceleration [rad]."""
 
 UNEVEN_IN_MOTION = 8.1e-6
 """Largest result of `gaps` for a motion of the suite, whose jerk jumps by at most 1000 rad/s³
@@ -41,8 +41,8 @@ is h³ Δj r (1 − r)(1 − 2r)/12. The largest magnitude is h³ Δj √3/216.
 """
 
 UNEVEN_SLOWED = 2e-5
-"""Largest result of `gaps` for a motion whose speed the guard scales [rad]. It is scaled by up to
-8/s, of joints at 0.3 rad/s, in 10 ms.
+"""Largest result of `gaps` for a motion that the guard slows down [rad]. It changes the factor on
+the speed by up to 8 per second, and joints move at up to 0.3 rad/s.
 """
 
 JOINT_TOLERANCE = 1e-6

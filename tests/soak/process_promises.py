@@ -51,7 +51,7 @@ def check_no_process_ends(events: Events) -> PromiseResult:
 
 
 def check_starts(events: Events) -> PromiseResult:
-    """Check that a planner that is ready answers a goal.
+    """Check that every planner answers a goal after it has become ready.
 
     Args:
         events: Actions and processes of the soak.

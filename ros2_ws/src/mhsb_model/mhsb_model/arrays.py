@@ -13,8 +13,8 @@ RATED_SLIP_PRESSURE = 1e7
 """Pressure rise at which the machine file states the slip of a servo pump [Pa]."""
 
 MAX_CHAMBER_PRESSURE_SHARE = 0.85
-"""Share of the setting of its relief valves that a chamber may reach [-]: plans brake with at most
-this pressure, and supervision warns above it."""
+"""Share of the setting of its relief valves above which supervision warns of a chamber's pressure
+[-]. Plans brake with at most this share, or with the maximum boost pressure if that is higher."""
 
 
 class MachineArrays(NamedTuple):

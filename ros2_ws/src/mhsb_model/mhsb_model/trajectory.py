@@ -298,7 +298,7 @@ def compute_quintic(
         end: Position, velocity and acceleration at s = h.
 
     Returns:
-        q₀, v₀, a₀, c₃, c₄ and c₅.
+        q₀, v₀ and a₀ as in `start`, then c₃, c₄ and c₅.
     """
     q0, v0, a0 = start
     q1, v1, a1 = end

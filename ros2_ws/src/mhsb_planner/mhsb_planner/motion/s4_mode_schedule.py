@@ -270,7 +270,7 @@ class ScheduledMotion:
 
     @cached_property
     def switch_count(self) -> int:
-        """Number of mode changes of `schedule`, summed over the actuators; quicker to compute."""
+        """Number of mode changes of all actuators in `schedule`, which is not made for this."""
         modes, last = self.intervals, self.intervals[-1:]
         return int(np.count_nonzero(modes[1:] != modes[:-1]) + np.count_nonzero(last != self.hold))
 

@@ -41,12 +41,13 @@ from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import compute_area_along_motion
 
 MIN_MOTION_COST_RATIO = 0.92
-"""Smallest expected ratio of a motion's cost to its path's cost without mode switches [-], and of a
-path's cost to its motion's. A path is skipped if this ratio times its cost without mode switches
-exceeds the incumbent's cost. Slower paths are always searched if the cheapest path costs less than
-this ratio times the incumbent's cost, that is, if no motion has come near the path's cost. The
-smallest ratio of a motion's to its path's cost in 3,254 motions on 165 random moves of five
-machines was 0.934. With a smaller value, more motions are fitted in vain.
+"""Smallest expected ratio of a motion's cost to its path's cost without mode switches [-]. A path
+is skipped if this ratio times the path's cost without mode switches exceeds the incumbent's cost.
+The smallest ratio in 3,254 motions on 165 random moves of five machines was 0.934. With a smaller
+value, more motions are fitted in vain.
+
+The same number is the least ratio of the cheapest path's cost to the incumbent's cost at which the
+incumbent counts as near that path. Otherwise slower paths are always searched.
 """
 
 NEAR_BEST_COST_FACTOR = 1.03

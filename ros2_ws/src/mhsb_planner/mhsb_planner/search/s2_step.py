@@ -749,18 +749,21 @@ def _price_steps_of_moves(
     moves: NodeMoves,
     buffers: StepBuffers,
 ) -> int:
-    """Compute the forces on the way of moves to one node, and the costs of the steps.
+    """Compute the piston forces in the middle of moves, and the costs of the steps.
+
+    The moves lead from one posture to all postures of one node. A step is a move in one mode
+    combination.
 
     Args:
         m: Arrays of the machine.
         obstacles: Rows of the obstacles.
         c: Hydraulic coefficients of the machine.
         patterns: Mode combinations, shape (patterns, n).
-        moves: Posture to leave, and postures of the node. Writes `middle_force` in place.
+        moves: Start posture, and postures of the node. Writes `middle_force` in place.
         buffers: Results `buffers.cost` and `buffers.status`, and working memory. Written in place.
 
     Returns:
-        Status of the admissible steps, from `price_steps_to_node`.
+        Value of `buffers.status` that admissible steps have, from `price_steps_to_node`.
     """
     start, end, force = moves.start.posture[moves.origin], moves.end.posture, moves.middle_force
     compute_middle_forces(m, start, end, moves.first, force)

@@ -9,15 +9,15 @@ inertia, with the moment arm r. m(v) is the pressure drop over the valve. `margi
 the boost margin that must remain in spite of inertia. p_max is the highest supply pressure of the
 actuator's mode.
 
-If the load drives the motion, the oil in the return chamber brakes it. The other chamber falls to
-the tank's pressure p_T at most, since anti-cavitation valves fill it:
+If the load drives the motion, the oil in the return chamber brakes it. This takes at least the
+pressure p_o, because the other chamber does not fall below the tank's pressure p_T:
 
-    thrust = p_o / p_relief' ≤ 1,   p_o = (A_i p_T − F_v)/A_o
+    thrust = p_o / p_max ≤ 1,   p_o = (A_i p_T + F_d)/A_o
 
-A_i and A_o are the piston areas of the chambers that fill and empty. F_v is the load in the
-direction of motion, here negative. p_relief' is below the setting of the chamber's relief valves
-(`MachineArrays.max_chamber_pressure`): beyond the setting they let the load run on. The limit is
-the largest value of all cylinders.
+A_i and A_o are the piston areas of the chambers that fill and empty. F_d > 0 is the force with
+which gravity and inertia drive the piston. Here p_max is `MachineArrays.max_chamber_pressure`.
+Above the setting of the chamber's relief valves, oil escapes and the load runs on. The limit is the
+largest value of all cylinders.
 
 Source: paper, Section 2.1, with inertia added; H. E. Merritt, Hydraulic Control Systems (relief
 valves limit the deceleration of a load).
@@ -44,18 +44,17 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScalin
 def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of needed to available pressure over all cylinders [-].
 
-    Against a load (gravity and inertia), the needed pressure is that of the supply at the piston's
-    speed, with the part of the boost margin that must remain in spite of inertia. The available
-    pressure is the highest of the cylinder's mode. If the load drives the motion, the needed
-    pressure is that of the return chamber, and the available one `max_chamber_pressure`. Only
-    cylinders faster than MAX_HELD_SPEED count.
+    The load is gravity and inertia. For a cylinder that moves against its load, both pressures are
+    those of the supply; the needed one includes the part of the boost margin that must remain in
+    spite of inertia. For a cylinder that its load drives, both are those of the return chamber.
+    Only cylinders faster than MAX_HELD_SPEED count.
 
     Args:
         m: Arrays of the machine.
         state: Speeds, forces and modes at one instant.
 
     Returns:
-        Largest ratio; above 1 the pressure is too low. 0 if no cylinder counts.
+        Largest ratio; above 1 the motion is not possible. 0 if no cylinder counts.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     hardest = 0.0
@@ -82,10 +81,9 @@ def find_inertia_excess(
 ) -> float:
     """Find the factor by which inertia forces are too large for the available pressure.
 
-    The needed pressure p, of the supply or of the return chamber, is linear in the inertia force.
-    With p_0 without inertia, and the highest available pressure p_max, the factor is
-    (p − p_0)/(p_max − p_0). The unit tests compare the result with the thrust of a motion whose
-    inertia forces are divided by it.
+    If all inertia forces are divided by this factor, the thrust is 1. The needed pressure p, of the
+    supply or of the return chamber, is linear in the inertia force. With p_0 without inertia, and
+    the highest available pressure p_max, the factor is (p − p_0)/(p_max − p_0).
 
     Args:
         m: Arrays of the machine.
@@ -122,8 +120,11 @@ def find_inertia_excess(
 
 THRUST_LIMIT = StateLimit(
     name="thrust",
-    describe=lambda broken: f"it takes {100 * broken.amount:.3g} % more pressure than there is",
+    describe=lambda broken: (
+        f"it takes {100 * broken.amount:.3g} % more pressure than supply or relief valves allow"
+    ),
     time_scaling=TimeScaling.INERTIA,
     measure=measure_thrust,
 )
-"""Limit of the supply pressure of moving cylinders, as a share of the highest pressure [-]."""
+"""Limit of the pressures that drive and brake moving cylinders, as a share of the highest pressures
+[-]."""
