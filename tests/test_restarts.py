@@ -8,7 +8,7 @@ import pytest
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import topics
 
-UP, DOWN = (0.55, 0.60), (0.55, -0.60)
+UP, DOWN, MIDDLE = (0.55, 0.60), (0.55, -0.60), (0.6, 0.1)
 
 
 @pytest.fixture
@@ -91,9 +91,9 @@ def test_a_node_that_was_frozen_goes_on(observer, pair, frozen):
 def test_the_path_of_a_plan_is_shown_when_the_arm_follows_it(observer, pair):
     paths, shown = [], topics.PLANNED_PATH
     observer.create_subscription(shown.message, shown.name, paths.append, shown.qos)
-    for goal in (UP, DOWN, UP, DOWN):
+    for first, goal in ((MIDDLE, UP), (DOWN, UP), (MIDDLE, DOWN)):
         # The planner knows all of the arm once a plan is in force, and its view has come.
-        observer.until_in_force(observer.request_verdict(0.6, 0.1))
+        observer.until_in_force(observer.request_verdict(*first))
         observer.until(lambda: bool(paths))
         paths.clear()
         pair["simulator"].process.send_signal(signal.SIGSTOP)
